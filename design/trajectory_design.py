@@ -35,29 +35,37 @@ from modeling.noise import StationaryNoise
 from modeling.rig import Limits, Rig
 from modeling.space import Space
 
-DEFAULT_PERIOD, DEFAULT_SAMPLES = 5.0, 200
-"""The reference problem's: 5 s, 40 samples a second."""
+DEFAULT_PERIOD = 5.0
+"""s: the reference problem's."""
+DEFAULT_SAMPLES = 200
+"""The reference problem's: 40 a second."""
 DEFAULT_HARMONICS = tuple(range(1, 13))
 """Of the series when none is given: up to 2.4 Hz in 5 s, which controllers of large arms follow."""
-DEFAULT_STARTS, FEW_HARMONIC_STARTS, STARTS_WHEN_SLOW = 24, 48, 6
-"""Random starts; those of a series of few harmonics, all in one stage; and where nonlinear limits, dynamic effects or a
-large series make each take ten times as long. Of equation 22.10 (`PaperSeries`; 30 seeds, 72 starts each) 17 % of odd
-starts and 8 % of others lead to the highest optimum: 48 with `FEW_HARMONIC_ODD_SHARE` miss it for one seed in 2700, 24
-with `ODD_SHARE` for one in 34."""
+DEFAULT_STARTS = 24
+"""Random starts of a series with few and many harmonics."""
+FEW_HARMONIC_STARTS = 48
+"""Random starts of a series of few harmonics, all in one stage. Of equation 22.10 (`PaperSeries`; 30 seeds, 72 starts
+each) 17 % of odd starts and 8 % of others lead to the highest optimum: 48 of which five in six are odd miss it for one
+seed in 2700, 24 of which two in three are for one in 34."""
+STARTS_WHEN_SLOW = 6
+"""Random starts where nonlinear limits, dynamic effects or a large series make each take ten times as long."""
 LARGE_SERIES = 100
 """Coefficients of a large series: the time of a step grows with their square."""
-ODD_SHARE = 2, 3
-"""Two of three starts are odd in time, from which the highest optima are found more often."""
-FEW_HARMONIC_ODD_SHARE = 5, 6
+NOT_ODD = 3
+"""One start in so many is not odd in time: from odd ones the highest optima are found more often."""
+FEW_HARMONIC_NOT_ODD = 6
 """The same for a series of few harmonics: the optimum need not be odd, but an odd start takes a quarter less time."""
-LOW_HARMONIC_STARTS, MIXED_STARTS = 3, 6
-"""A third of the starts has few harmonics, whose few optima any seed finds. The best of them, mixed with other random
-trajectories, reliably lead to good optima of the whole series (a sixth as many starts); random trajectories of the
-whole series, the other half of the starts, sometimes lead to better ones."""
+LOW_HARMONIC_STARTS = 3
+"""One start in so many has few harmonics, whose few optima any seed finds."""
+MIXED_STARTS = 6
+"""One start in so many mixes the best of these optima with other random trajectories: they reliably lead to good optima
+of the whole series; random trajectories of it, the other half of the starts, sometimes lead to better ones."""
 RANDOM_SHARE = 0.2
 """Share of the random trajectory in a mixture."""
-REFINED_OPTIMA, LOW_HARMONIC_OPTIMA = 3, 2
-"""The best distinct optima that are refined, and those of few harmonics that are continued with all."""
+REFINED_OPTIMA = 3
+"""The best distinct optima that are refined."""
+LOW_HARMONIC_OPTIMA = 2
+"""The best distinct optima of few harmonics that are continued with all."""
 DISTINCT_OPTIMA = 2e-3
 """Nats: optima with closer values count as one, up to a symmetry or a shift in time."""
 
@@ -168,8 +176,10 @@ def design(
     """
     arm, limits = arm_and_limits(rig)
     designable = (model or (planar if arm.space is Space.PLANE else spatial)(rig)).designable
-    known = None if values is None else {p.name: values[p.name] for p in designable.parameters if p.name in values}
-    experiment = Experiment.of(designable, arm, known, noise=noise)
+    design_values = (
+        None if values is None else {p.name: values[p.name] for p in designable.parameters if p.name in values}
+    )
+    experiment = Experiment.of(designable, arm, design_values, noise=noise)
     _require_identifiable(experiment, limits)
     chosen = series or FreeSeries(joints=arm.joints, harmonics=DEFAULT_HARMONICS, period=DEFAULT_PERIOD)
     require_enough_samples(chosen, samples)
@@ -199,16 +209,18 @@ def design(
             no_bound_reason=reason,
         )
 
-    found: tuple[LocalOptimum, ...] = ()
+    optima: tuple[LocalOptimum, ...] = ()
     try:
-        found = _search(task, starts, seed, executor, progress, reached)
+        optima = _search(task, starts, seed, executor, progress, reached)
         bound, reason = (
-            _bound(designable, arm, limits, samples, known, seed, executor, progress) if bounded else NOT_REQUESTED
+            _bound(designable, arm, limits, samples, design_values, seed, executor, progress)
+            if bounded
+            else NOT_REQUESTED
         )
     except KeyboardInterrupt:
-        best = found or _best_so_far(task, reached)
+        best = optima or _best_so_far(task, reached)
         raise DesignInterrupted(result(best, None, "interrupted") if best else None) from None
-    return result(found, bound, reason)
+    return result(optima, bound, reason)
 
 
 def _best_so_far(task: DesignTask, reached: Sequence[LocalOptimum]) -> tuple[LocalOptimum, ...]:
@@ -249,7 +261,7 @@ def _search(
     if not task.direct:
         return _searched_by_ipopt(task, low_task, [(seed, number) for number in range(count)], run)
     if low_task is None:
-        begin = [_start(task, seed, number, FEW_HARMONIC_ODD_SHARE) for number in range(count)]
+        begin = [_start(task, seed, number, FEW_HARMONIC_NOT_ODD) for number in range(count)]
         screened = run("starts", task, begin, screen_start)
         return run("refinement of the best", task, _best(screened, REFINED_OPTIMA), refine_optimum)
     coarse = run(
@@ -283,8 +295,8 @@ def _searched_by_ipopt(
     return run("all harmonics", task, nearest, local_optimum)
 
 
-def _start(task: DesignTask, seed: int, number: int, odd_share: tuple[int, int] = ODD_SHARE) -> Trajectory:
-    return task.varied((seed, number), odd=number % odd_share[1] < odd_share[0])
+def _start(task: DesignTask, seed: int, number: int, not_odd: int = NOT_ODD) -> Trajectory:
+    return task.varied((seed, number), odd=number % not_odd < not_odd - 1)
 
 
 def _mixed(base: Trajectory, other: Trajectory) -> Trajectory:
@@ -344,10 +356,10 @@ def _bound(
             progress(DesignStage(f"bound, round {step.number}: optimality gap {step.best - step.lower:.2f}"))
 
     try:
-        found = upper_bound(
+        bound = upper_bound(
             model, arm, limits, samples=samples, values=values, seed=seed, executor=executor, progress=watch
         )
-        return found, ""
+        return bound, ""
     except InputError as error:
         return None, error.what
 

@@ -69,7 +69,7 @@ class InputError(TruewrenchError):
     """
 
     def __init__(self, *, what: str, where: str, remedy: str) -> None:
-        self.what, self.where, self.remedy = (" ".join(part.split()) for part in (what, where, remedy))
+        self.what, self.where, self.remedy = (" ".join(text.split()) for text in (what, where, remedy))
         super().__init__(f"{self.where}: {self.what}; {self.remedy}")
 
     def __reduce__(self) -> tuple[object, ...]:

@@ -16,12 +16,11 @@ from scipy.linalg import solve_toeplitz
 from modeling.errors import InputError
 from modeling.rig import Rig
 
-# Whitening of channels: inverse Cholesky factor of a covariance, its product with a series, and block means.
-
-
 Array = NDArray[np.float64]
 FourierLines = NDArray[np.complex128]
 SeriesOrLines = TypeVar("SeriesOrLines", Array, FourierLines)
+
+# Whitening of channels: inverse Cholesky factor of a covariance, its product with a series, and block means.
 
 
 def inverse_cholesky_factor(covariance: SeriesOrLines) -> SeriesOrLines:
@@ -304,10 +303,10 @@ class NoiseModel(StationaryNoise):
         if not self.order or count <= first:
             return series[..., first:].copy()
         each = series[..., first - self.order :].reshape(-1, len(self.covariance), count - first + self.order)
-        found = np.zeros((*each.shape[:2], count - first))
+        innovations = np.zeros((*each.shape[:2], count - first))
         for column, channel in np.argwhere(each.any(axis=2)).tolist():  # most derivatives are zero in most channels
-            found[column, channel] = np.convolve(each[column, channel], self._filters[channel], "valid")
-        return found.reshape(*series.shape[:-1], count - first)
+            innovations[column, channel] = np.convolve(each[column, channel], self._filters[channel], "valid")
+        return innovations.reshape(*series.shape[:-1], count - first)
 
     @cached_property
     def _filters(self) -> Array:

@@ -8,8 +8,9 @@ from math import floor, isfinite, log10
 from typing import Any
 
 P_VALUE = "p"
+"""Format of a p-value, beside the format specifications of Python such as `.3g` and `.2f`."""
 SHARE = "%"
-"""Formats of a p-value and of a share, beside the format specifications of Python such as `.3g` and `.2f`."""
+"""Format of a share, likewise."""
 SMALLEST_P_VALUE = 1e-300
 """p-values below are not told apart: their tail is beyond double precision."""
 
@@ -18,6 +19,7 @@ _UNIT_PRODUCT = re.compile(r"(?<=\bN) (?=[ms](?![a-z]))|(?<=\bN²) (?=m)|(?<=\bk
 _MINUS = re.compile(r"(?<![\w.)\]-])-(?=\d)")
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 NO_VALUE = "–"
+"""Printed where there is no number."""
 
 
 def finite(value: Any) -> Any:
@@ -63,9 +65,9 @@ def typeset_units(text: str) -> str:
     return _MINUS.sub("−", _UNIT_PRODUCT.sub("·", text))
 
 
-def _typeset_power(found: re.Match[str]) -> str:
-    lead = "" if found[1] == "1" else f"{found[1]}·"
-    return f"{lead}10{_superscript(int(found[2]))}"
+def _typeset_power(power: re.Match[str]) -> str:
+    lead = "" if power[1] == "1" else f"{power[1]}·"
+    return f"{lead}10{_superscript(int(power[2]))}"
 
 
 def format_number(value: float | None, digits: int = 3) -> str:

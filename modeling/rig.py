@@ -18,11 +18,10 @@ from modeling.kinematics.arm import Arm, PlanarArm, SpatialArm
 from modeling.kinematics.placement import Direction, unit_direction
 from modeling.table import Table, shortened
 
-# Table of a rig: what its file states, by the names of the file.
-
-
 UNITS = {"link_lengths": "m", "tip_length": "m", "gravity": "m/s²", "x": "m", "y": "m", "z": "m"}
+"""Units of entries by their last key."""
 RATES = {"position": "", "velocity": "/s", "acceleration": "/s²", "jerk": "/s³"}
+"""Suffixes of the unit of a joint's limits to the unit of its coordinate."""
 CHANNELS = ("noise", "range", "tolerance")
 """Entries with a number for each channel, N or N m."""
 
@@ -46,9 +45,9 @@ def _entries(data: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
 
 def _text(value: Any) -> str:
     if isinstance(value, Mapping):
-        return ", ".join(f"{name} {_text(part)}" for name, part in value.items())
+        return ", ".join(f"{name} {_text(element)}" for name, element in value.items())
     if isinstance(value, list):
-        inner = ", ".join(_text(part) for part in value)
+        inner = ", ".join(_text(element) for element in value)
         return f"[{inner}]" if value and not isinstance(value[0], list) else inner
     return f"{value:g}" if isinstance(value, float) else str(value)
 
@@ -62,7 +61,8 @@ def _unit(key: str, joint_unit: str) -> str:
 RigTables: TypeAlias = dict[str, Any]
 """Validated rig data, as returned by `modeling.rig_schema.validated_tables`."""
 
-STANDARD_GRAVITY = 9.806  # m/s², the value of the chapter and of FORMATS
+STANDARD_GRAVITY = 9.806
+"""m/s²: the value of chapter 22 (Bassi et al.) and of the file formats."""
 CURRENT_FOLDER = Path()
 _CONVERTED = ("link_lengths", "spatial_arm", "gravity_direction")
 """Entries of [robot] that the rig keeps in another form."""

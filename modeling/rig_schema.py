@@ -21,9 +21,6 @@ from modeling.kinematics.arm import SpatialArm
 from modeling.kinematics.placement import LARGEST_NUMBER, SMALLEST_NUMBER, unit_direction
 from modeling.space import Space
 
-# Base of the schemas of users' tables, and their errors in one line.
-
-
 Location = tuple[int | str, ...]
 
 
@@ -60,16 +57,16 @@ def _first_error(schema: type[StrictTable], error: ValidationError, where: str, 
 def _key(location: Location) -> str:
     """The place of a value, as in limits.position[0]."""
     key = ""
-    for part in location:
-        name = part if isinstance(part, int) or part.isidentifier() else quoted(part)
-        key += f"[{name}]" if isinstance(part, int) else f".{name}"
+    for step in location:
+        name = step if isinstance(step, int) or step.isidentifier() else quoted(step)
+        key += f"[{name}]" if isinstance(step, int) else f".{name}"
     return key.lstrip(".").removesuffix(".[key]")
 
 
 def _fields(schema: Any, location: Location) -> list[str]:
     """The keys of the innermost table that a location passes through."""
-    for part in location[:-1]:
-        field = schema.model_fields.get(part)
+    for step in location[:-1]:
+        field = schema.model_fields.get(step)
         schema = _table_in(field.annotation) or schema if field else schema
     return [*schema.model_fields]
 
@@ -151,8 +148,8 @@ class RobotTable(StrictTable):
             raise ValueError("expected link_lengths or urdf, got both")
         axes = {2} if self.link_lengths is not None else {3} if self.urdf is not None else {2, 3}
         if self.gravity_direction is not None and len(self.gravity_direction) not in axes:
-            what = f"expected gravity_direction along {min(axes)} axes of this arm's base"
-            raise ValueError(f"{what}, got {len(self.gravity_direction)} numbers")
+            expected = f"expected gravity_direction along {min(axes)} axes of this arm's base"
+            raise ValueError(f"{expected}, got {len(self.gravity_direction)} numbers")
         return self
 
 

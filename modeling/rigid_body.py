@@ -10,8 +10,6 @@ from modeling import symbolic as sp
 from modeling.parameter import Parameter
 from modeling.space import Space, vector
 
-# Components and signs of the contact wrench, the environment's wrench on the tool.
-
 
 def contact_components(space: Space) -> tuple[str, ...]:
     """Names of a contact wrench's components: fcx along x', fcy along y', tauc clockwise; sensor frame in six axes."""

@@ -8,7 +8,8 @@ from functools import cached_property
 
 from modeling import symbolic as sp
 
-FORCE_UNIT, TORQUE_UNIT = "N", "N m"
+FORCE_UNIT = "N"
+TORQUE_UNIT = "N m"
 
 
 def signals(*names: str) -> tuple[sp.Symbol, ...]:

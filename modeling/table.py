@@ -79,8 +79,8 @@ class Presented:
         InputError
             For a result without dimensions, and where xarray is not installed.
         """
-        found: xr.Dataset = presenter().dataset(self)
-        return found
+        dataset: xr.Dataset = presenter().dataset(self)
+        return dataset
 
     def plot(
         self, kind: str | None = None, *, channel: str | None = None, backend: str = "matplotlib", ax: Any = None
@@ -117,8 +117,9 @@ MOST_LINES = 38
 NOT_IDENTIFIABLE = "not identifiable"
 """Printed for the standard deviation of an unidentifiable parameter, which is infinite."""
 CELL_STYLE = "padding: 3px 14px 3px 0; vertical-align: top"
+"""Of a cell, where no page has a style sheet."""
 NOTE_STYLE = ' style="display: block"'
-"""Of cells and the notes in them, where no page has a style sheet."""
+"""Of the note in a cell, likewise: on a line of its own."""
 
 
 @dataclass(frozen=True)
@@ -168,7 +169,7 @@ class Column:
         text = self.text(value)
         if not self.width:
             return [text]
-        return [part for line in text.splitlines() for part in wrap(line, self.width, subsequent_indent="  ")]
+        return [piece for line in text.splitlines() for piece in wrap(line, self.width, subsequent_indent="  ")]
 
     def typeset(self, value: Value) -> str:
         """An entry with powers of ten and signs typeset."""
@@ -182,12 +183,12 @@ class Column:
         return f"<td{self._class(kind)}{self._style(styled)}>{text}{below}</td>"
 
     def _written(self, value: Value, number: Callable[[float, str], str], unknown: str) -> str:
-        found, mark = (value.value, value.mark) if isinstance(value, Cell) else (value, "")
-        if isinstance(found, str):
-            return mark + found
-        if found is None and mark:
+        content, mark = (value.value, value.mark) if isinstance(value, Cell) else (value, "")
+        if isinstance(content, str):
+            return mark + content
+        if content is None and mark:
             return mark
-        return unknown if found is None or not isfinite(found) else mark + number(found, self.format)
+        return unknown if content is None or not isfinite(content) else mark + number(content, self.format)
 
     @property
     def typeset_heading(self) -> str:
@@ -292,9 +293,9 @@ class Table(Presented):
             pd.to_numeric(pd.Series([None if v == "" else v for v in column])) if c.format else pd.Series(column)
             for c, column in zip(self.columns, columns or [[] for _ in self.columns], strict=True)
         ]
-        found = pd.DataFrame(dict(enumerate(series)))
-        found.columns = pd.Index([c.heading for c in self.columns])
-        return found
+        frame = pd.DataFrame(dict(enumerate(series)))
+        frame.columns = pd.Index([c.heading for c in self.columns])
+        return frame
 
 
 def shortened(text: str) -> str:
@@ -307,8 +308,8 @@ def shortened(text: str) -> str:
 
 
 def _aligned(row: Sequence[Sequence[str]], widths: Sequence[int]) -> Iterator[str]:
-    for parts in zip_longest(*row, fillvalue=""):
-        yield "  ".join(part.ljust(width) for part, width in zip(parts, widths, strict=True)).rstrip()
+    for cells in zip_longest(*row, fillvalue=""):
+        yield "  ".join(cell.ljust(width) for cell, width in zip(cells, widths, strict=True)).rstrip()
 
 
 class Tabular(Presented, ABC):

@@ -77,12 +77,12 @@ def test_what_is_no_unit_is_refused_at_its_column(text: str, column: int, hint: 
 
 
 def test_a_unit_of_which_only_the_name_is_known_is_a_dimension_of_its_own() -> None:
-    volts = dimension("N/Volt", own=("Volt",))
+    volts = dimension("N/Volt", own_units=("Volt",))
     assert volts != dimension("N")
-    assert volts * dimension("Volt", own=("Volt",)) == dimension("N")
+    assert volts * dimension("Volt", own_units=("Volt",)) == dimension("N")
     with pytest.raises(InputError, match="did you mean Volt"):
-        dimension("N/Vollt", own=("Volt",))
-    assert dimension("m", own=("m",)) == dimension("m")  # nobody redefines the metre
+        dimension("N/Vollt", own_units=("Volt",))
+    assert dimension("m", own_units=("m",)) == dimension("m")  # nobody redefines the metre
 
 
 FACTORS = st.lists(st.tuples(st.sampled_from(["kg", "m", "s", "K", "A"]), st.integers(-4, 4)), max_size=3)

@@ -41,7 +41,8 @@ COMMANDS = {
 PRINTING = ("emit", "effects")
 """Commands whose text is what was asked for: --quiet has no meaning there."""
 EXIT_BAD_INPUT = 2
-EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells count
+EXIT_INTERRUPTED = 130
+"""128 + SIGINT, as shells count."""
 EXIT_CODES = (
     f"Exit code: 0 done, {EXIT_BAD_INPUT} bad input (one line on stderr, nothing half-written),"
     f" {EXIT_INTERRUPTED} interrupted."
@@ -61,12 +62,12 @@ class Parser(argparse.ArgumentParser):
 
     def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
         """Parse; InputError, with the help of the subcommand, for what it does not know."""
-        found, unknown = self.parse_known_args(args, namespace)
+        options, unknown = self.parse_known_args(args, namespace)
         if unknown:
-            prog = getattr(found, "prog", self.prog)
+            prog = getattr(options, "prog", self.prog)
             what = f"unrecognized arguments: {' '.join(unknown)}"
             raise InputError(what=what, where=prog, remedy=f"see `{prog} --help`")
-        return found
+        return options
 
     def error(self, message: str) -> NoReturn:
         """Raise InputError with argparse's message."""

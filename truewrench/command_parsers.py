@@ -266,8 +266,8 @@ def emit(commands: Subcommands[Any]) -> argparse.ArgumentParser:
     command: argparse.ArgumentParser = commands.add_parser(
         "emit", help="write a model as code, or its tool for a robot", description=text
     )
-    what = "model file of `fit --out` or `diagnose --out`, or a base model: planar, spatial"
-    command.add_argument("model", metavar="MODEL.json|planar|spatial", help=what)
+    explanation = "model file of `fit --out` or `diagnose --out`, or a base model: planar, spatial"
+    command.add_argument("model", metavar="MODEL.json|planar|spatial", help=explanation)
     command.add_argument("--to", required=True, choices=(*target_names(), *FORMATS), help="language or format")
     text = "sampling rate of the code; needed for a model with lag, delay, hysteresis or a flexible tip"
     command.add_argument("--rate", type=positive, metavar="HZ", help=text)

@@ -107,11 +107,11 @@ def emitted(
 UNKNOWN = "NOT KNOWN: the readings do not say what it weighs, and the standard deviations are those of noise alone"
 
 
-def _source(*, known: bool = True) -> str:
-    """What made it, and of a tool that is not known that it is not: no text of a file, which would be code there."""
+def _source(*, weighed: bool = True) -> str:
+    """What made it, and of a tool not weighed that it was not: no text of a file, which would be code there."""
     from importlib.metadata import version
 
-    return f"truewrench {version('truewrench')}" + ("" if known else f" ({UNKNOWN})")
+    return f"truewrench {version('truewrench')}" + ("" if weighed else f" ({UNKNOWN})")
 
 
 def _tool(model: Fitted | str | Path, to: str, sensor_pose: Sequence[float] | None) -> Emitted:
@@ -119,13 +119,13 @@ def _tool(model: Fitted | str | Path, to: str, sensor_pose: Sequence[float] | No
         remedy = "give a fit or a model file: `truewrench fit --out model.json`"
         raise InputError(what="a base model has no values", where=str(model), remedy=remedy)
     saved = _model_file(model)
-    known = saved.calibration
-    tool = ToolInertia.of(known.model, known.theta, known.covariance, _sensor_link(saved))
+    calibration = saved.calibration
+    tool = ToolInertia.of(calibration.model, calibration.theta, calibration.covariance, _sensor_link(saved))
     tool = tool if sensor_pose is None else tool.seen_from(sensor_pose)
     left_out = f" {tool.left_out[0].upper()}{tool.left_out[1:]}." if tool.left_out else ""
     said = f"Written in the {tool.frame}. {_convention_sentence(saved)}{left_out}"
     return Emitted(
-        payload_format(to).text(tool, _source(known=not saved.tool_unknown)), None, said, saved.misfit_warning(BIASED)
+        payload_format(to).text(tool, _source(weighed=not saved.tool_unknown)), None, said, saved.misfit_warning(BIASED)
     )
 
 
@@ -145,8 +145,8 @@ def _code(model: Fitted | str | Path, to: str, rate: float | None) -> Emitted:
         code = GeneratedCode.of_base(RigidToolRegressor(space), target, _source())
         return Emitted(code.text, code.table)
     saved = _model_file(model)
-    known = saved.calibration
-    fitted = FittedModel.of(known.model, known.theta, None if rate is None else 1 / rate)
+    calibration = saved.calibration
+    fitted = FittedModel.of(calibration.model, calibration.theta, None if rate is None else 1 / rate)
     code = GeneratedCode.of_fitted(fitted, target, _source())
     link = _sensor_link(saved)
     said = f"Wrench in the sensor frame{f', link {link}' if link else ''}. {_convention_sentence(saved)}"

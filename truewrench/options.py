@@ -90,6 +90,7 @@ def _urdf_of(rig: str | None) -> list[Path]:
 
 
 MAX_WORKERS = 1000
+"""More processes than any machine has cores: a typing error."""
 
 
 def available_cores() -> int:
@@ -186,7 +187,7 @@ def ids_apart(arguments: list[str], options: set[str]) -> list[str]:
 
     argparse itself would take the recordings that follow for ids too.
     """
-    found: list[str] = []
+    separated: list[str] = []
     option, ids = "", 0
     for text in arguments:
         if text.startswith("-"):
@@ -195,11 +196,11 @@ def ids_apart(arguments: list[str], options: set[str]) -> list[str]:
             option = ""
         elif option:
             names = [name for name in text.split(",") if name] or [text]
-            found += [option] * (ids > 0)
-            found += [part for name in names[:-1] for part in (name, option)]
+            separated += [option] * (ids > 0)
+            separated += [argument for name in names[:-1] for argument in (name, option)]
             text, ids = names[-1], ids + 1
-        found.append(text)
-    return found
+        separated.append(text)
+    return separated
 
 
 def _are_ids(text: str) -> bool:

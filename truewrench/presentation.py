@@ -28,21 +28,20 @@ from truewrench.files.model_file import ModelFile
 if TYPE_CHECKING:
     import xarray as xr
 
+Array = NDArray[np.float64]
+
 
 # Results as plain data, which JSON can write.
 
 
-def plain_data(result: Any) -> dict[str, Any]:
+def data(result: Any) -> dict[str, Any]:
     """A fit as the data of its model file, another result as that of its own file, else its table and remarks."""
     if isinstance(result, Fit | StreamedFit):
-        from truewrench.files.model_file import ModelFile
-
         return ModelFile.of(result).to_data()
     if isinstance(result, Table):
         return table_data(result)
-    own = getattr(result, "to_data", None)
-    found = _tabular_data(result) if own is None else own()
-    plain: dict[str, Any] = _plain(found)
+    to_data = getattr(result, "to_data", None)
+    plain: dict[str, Any] = _plain(_tabular_data(result) if to_data is None else to_data())
     return plain
 
 
@@ -75,12 +74,11 @@ def _plain(value: Any) -> Any:
 # Results as labelled arrays: the dimensions of xarray are repeat, time (or pose), channel, parameter, joint.
 
 
-Array = NDArray[np.float64]
 Variables = dict[str, Any]
 """Of a dataset: (dimensions, values, attributes) by name."""
 
 
-def labelled_arrays(result: Any) -> xr.Dataset:
+def dataset(result: Any) -> xr.Dataset:
     """The arrays of a result as a dataset of xarray.
 
     Raises InputError for a result without dimensions, and where xarray is not installed.
@@ -90,11 +88,11 @@ def labelled_arrays(result: Any) -> xr.Dataset:
     except ModuleNotFoundError:
         raise InputError(what="xarray is not installed", where="to_xarray", remedy="pip install xarray") from None
     result = result.fit if isinstance(result, ComparedFit) else result
-    for known, arrays in ARRAYS.items():
-        if isinstance(result, known):
+    for kind, arrays in ARRAYS.items():
+        if isinstance(result, kind):
             variables, coordinates = arrays(result)
             return xr.Dataset(variables, coords=coordinates, attrs={"result": type(result).__name__})
-    names = ", ".join(known.__name__ for known in ARRAYS)
+    names = ", ".join(kind.__name__ for kind in ARRAYS)
     remedy = f"use to_frame(); {names} have dimensions"
     raise InputError(what=f"{kind_of(result)} has no dimensions", where="to_xarray", remedy=remedy)
 
@@ -111,20 +109,20 @@ def _of_recording(recording: Recording) -> Arrays:
     return variables, coordinates | _channels(recording)
 
 
-def _of_comparison(found: Comparison) -> Arrays:
+def _of_comparison(comparison: Comparison) -> Arrays:
     """Measured, predicted and residual (repeat, time, channel); noise floor and RMS (channel)."""
-    recording = found.recording
+    recording = comparison.recording
     dims, coordinates = _samples(recording)
     series = {
         "measured": recording.wrench,
-        "predicted": recording.wrench - found.residual,
-        "residual": found.residual,
+        "predicted": recording.wrench - comparison.residual,
+        "residual": comparison.residual,
     }
     variables: Variables = {n: ((*dims, "channel"), _by_repeat(recording, y)) for n, y in series.items()}
     sizes: dict[str, Mapping[str, float] | None] = {
-        "noise_floor": found.noise_floor,
-        "rms": found.rms,
-        "systematic_rms": found.explainable_rms,
+        "noise_floor": comparison.noise_floor,
+        "rms": comparison.rms,
+        "systematic_rms": comparison.explainable_rms,
     }
     variables |= {n: ("channel", [v[c] for c in recording.channels]) for n, v in sizes.items() if v is not None}
     return variables, coordinates | _channels(recording)
@@ -133,8 +131,8 @@ def _of_comparison(found: Comparison) -> Arrays:
 def _of_fit(fit: Fit) -> Arrays:
     """The comparison with the first recording, and the parameters."""
     variables, coordinates = _of_comparison(comparison_of(fit, 0))
-    own, names = _of_estimates(fit)
-    return variables | own, coordinates | names
+    parameters, names = _of_estimates(fit)
+    return variables | parameters, coordinates | names
 
 
 def _of_estimates(fitted: Estimates | ModelFile) -> Arrays:
@@ -201,10 +199,10 @@ def _by_repeat(recording: Recording, series: NDArray[Any]) -> NDArray[Any]:
 ARRAYS: dict[type, Callable[[Any], Arrays]] = {
     Recording: _of_recording,
     Comparison: _of_comparison,
-    Location: lambda found: _of_comparison(found.comparison),
+    Location: lambda location: _of_comparison(location.comparison),
     Fit: _of_fit,
-    Diagnosis: lambda found: _of_fit(found.fit),
-    Study: lambda found: _of_fit(found.fit),
+    Diagnosis: lambda diagnosis: _of_fit(diagnosis.fit),
+    Study: lambda study: _of_fit(study.fit),
     Estimates: _of_estimates,
     ModelFile: _of_estimates,
     ContactWrench: _of_contact,
@@ -238,15 +236,3 @@ def summary(result: Any) -> str:
 
         return FitSummary(result, result.intervals()).text(None)
     return str(result)
-
-
-def data(result: Any) -> dict[str, Any]:
-    """The result as plain data: that of its file where it has one, else its table and remarks."""
-
-    return plain_data(result)
-
-
-def dataset(result: Any) -> Any:
-    """The result as labelled arrays of xarray."""
-
-    return labelled_arrays(result)

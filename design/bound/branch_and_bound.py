@@ -19,9 +19,6 @@ from modeling.compiled.tape import NO_OPERAND, Tape
 from modeling.errors import InputError
 from modeling.table import Table, Tabular
 
-# Interval arithmetic of tapes over many boxes.
-
-
 Array = NDArray[np.float64]
 IntervalArrays = tuple[Array, Array]
 

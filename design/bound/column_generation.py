@@ -24,9 +24,6 @@ from design.bound.multistart_ascent import (
 )
 from modeling.errors import InputError
 
-# Restricted master problem over finitely many states, by a barrier method.
-
-
 Array = NDArray[np.float64]
 
 CENTRAL_DECREMENT = 1e-2
@@ -212,10 +209,10 @@ class CandidateDual:
     largest: DualMaximum | None = None
 
     @classmethod
-    def of(cls, dual: DualVariables, value: float, found: DualMaximum | None = None) -> CandidateDual:
+    def of(cls, dual: DualVariables, value: float, largest: DualMaximum | None = None) -> CandidateDual:
         """The dual scaled so that the largest F, `value`, becomes k: then -ln det D is the bound."""
         scaled = dual.scaled(len(dual.D) / value)
-        return cls(scaled, scaled.value, found)
+        return cls(scaled, scaled.value, largest)
 
     @property
     def starts(self) -> int:
@@ -233,9 +230,10 @@ needed too: with 7000 retained, F rose from 6 to 100 on one rig where some had b
 when they returned."""
 SUPPORT_STARTS = 500
 """States of largest weight from which a search starts as well: F is largest near to them."""
-ASCENTS_PER_DIMENSION, BRIEF_ASCENT = 200, StoppingRule(steps=25, gain_tolerance=1e-5)
-"""Ascents of a search for each dimension, and their steps: a cut need not be the deepest; `maximise_dual_function`
-is more thorough. Many ascents at once take little time and save rounds."""
+ASCENTS_PER_DIMENSION = 200
+"""Ascents of a search for each dimension: many at once take little time and save rounds."""
+BRIEF_ASCENT = StoppingRule(steps=25, gain_tolerance=1e-5)
+"""Of these ascents: a cut need not be the deepest; `maximise_dual_function` is more thorough."""
 FIRST_GAP = 1.0
 """The first gap between the barrier's two bounds, in ln det: about the distance of random states from the optimum."""
 GAP_FACTOR = 0.4
@@ -245,7 +243,7 @@ STALL_GAPS = 1.5
 JOINING_MARGIN = 0.3
 """States are joined if F is above k minus this share of the gap: the next active constraints."""
 PRELIMINARY_PART = 4
-"""Divisor of the starts of a candidate's preliminary search: it refutes most of those that the full one refutes."""
+"""Divisor of the starts of a candidate's few search: it refutes most of those that the full one refutes."""
 STATE_DECIMALS = 3
 """Decimals in the cube to which joined states differ."""
 
@@ -303,32 +301,32 @@ class ColumnGeneration:
         for number in range(1, most + 1):
             master = master.centred(gap / len(peaks))
             current, dual = self._measure(master, peaks, gap), master.coordinates.dual(master.z)
-            found = self._priced(dual, current)
-            candidates.append(CandidateDual.of(dual, float(found.value.max())))
+            maxima = self._priced(dual, current)
+            candidates.append(CandidateDual.of(dual, float(maxima.value.max())))
             upper, measure = candidates[-1].upper, max(measure, current, key=attrgetter("lower"))
-            found = self._verified(candidates, found, peaks, measure.lower + self.tolerance)
+            maxima = self._verified(candidates, maxima, peaks, measure.lower + self.tolerance)
             rounds.append(self._round(number, current, upper, _best(candidates).upper))
             if _best(candidates).upper < measure.lower + self.tolerance:
                 break
             if upper - current.lower < STALL_GAPS * gap:
                 gap = max(GAP_FACTOR * gap, self.tolerance / 3)
-            master, peaks = self._joined(master, current, found, gap)
+            master, peaks = self._joined(master, current, maxima, gap)
         best, largest = self._settled(candidates, peaks)
         return ColumnGenerationResult(best.dual, largest, measure, tuple(rounds))
 
     def _verified(
-        self, candidates: list[CandidateDual], found: LocalMaxima, peaks: LocalMaxima, goal: float
+        self, candidates: list[CandidateDual], maxima: LocalMaxima, peaks: LocalMaxima, goal: float
     ) -> LocalMaxima:
         """Searches the largest F of the best candidate while its bound is below the goal: from a part of the starts,
         then from all. A part may refute it, and then another one is the best.
 
-        The local maxima are joined to `found`.
+        Returns `maxima` with these local maxima joined.
         """
         while (best := _best(candidates)).upper < goal and best.starts < self.starts:
-            part = self.starts // PRELIMINARY_PART
-            largest = self._maximised(candidates, best, peaks, part if best.starts < part else self.starts)
-            found = found.joined(largest.peaks)
-        return found
+            few = self.starts // PRELIMINARY_PART
+            largest = self._maximised(candidates, best, peaks, few if best.starts < few else self.starts)
+            maxima = maxima.joined(largest.peaks)
+        return maxima
 
     def _maximised(
         self, candidates: list[CandidateDual], candidate: CandidateDual, peaks: LocalMaxima, count: int
@@ -387,11 +385,11 @@ class ColumnGeneration:
         return this
 
     def _joined(
-        self, master: RestrictedMaster, current: DesignMeasure, found: LocalMaxima, gap: float
+        self, master: RestrictedMaster, current: DesignMeasure, maxima: LocalMaxima, gap: float
     ) -> tuple[RestrictedMaster, LocalMaxima]:
         """The master and its states, with the distinct ones found whose constraints are nearly active or violated."""
-        violating = found.value >= min(self.function.size - JOINING_MARGIN * gap, found.value.max())
-        new = found.chosen(violating)
+        violating = maxima.value >= min(self.function.size - JOINING_MARGIN * gap, maxima.value.max())
+        new = maxima.chosen(violating)
         _, distinct = np.unique(np.hstack([new.points.round(STATE_DECIMALS), new.ddq]), axis=0, return_index=True)
         new = new.chosen(distinct)
         retained = np.argsort(-current.weights)[:MOST_STATES]

@@ -23,10 +23,9 @@ from modeling.compiled.tape_evaluation import TapeEvaluation
 from modeling.errors import InputError
 from modeling.rig import Limits
 
-# States from which an arm can keep its limits for ever (viability kernel).
-
-
 Array = NDArray[np.float64]
+
+# States from which an arm can keep its limits for ever (viability kernel).
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,18 +147,18 @@ def symmetries(gram: Callable[[Array], Array], viable: ViableStates, seed: int) 
     q, dq = viable.phase(rng.uniform(-1, 1, (RANDOM_STATES, 2 * viable.joints)))
     states = np.hstack([q, dq, viable.vertices[rng.integers(len(viable.vertices), size=RANDOM_STATES)]])
     before = gram(states)
-    found = []
+    sign_symmetries = []
     for change in SignChange:
         after = gram(states * np.repeat(change.value, viable.joints))
         signs = _signs(before, after)
         if signs is not None and _symmetric(viable, change):
-            found.append(Symmetry(change, signs))
-    return tuple(found)
+            sign_symmetries.append(Symmetry(change, signs))
+    return tuple(sign_symmetries)
 
 
-def symmetrised_measure(states: Array, weights: Array, found: tuple[Symmetry, ...]) -> tuple[Array, Array]:
+def symmetrised_measure(states: Array, weights: Array, sign_symmetries: tuple[Symmetry, ...]) -> tuple[Array, Array]:
     """The measure on states (N, 3n) with weights (N,), half of it replaced by its image under each symmetry."""
-    for symmetry in found:
+    for symmetry in sign_symmetries:
         signs = np.repeat(symmetry.change.value, states.shape[1] // 3)
         states, weights = np.vstack([states, states * signs]), np.concatenate([weights, weights]) / 2
     return states, weights
@@ -176,12 +175,14 @@ def _signs(before: Array, after: Array) -> Array | None:
     k = before.shape[1]
     product = np.einsum("nij,nij->ij", before, after)
     tolerance = SYMMETRY_TOLERANCE * np.einsum("nij,nij->ij", before, before)
-    signs, known = np.ones(k), {0}
-    while len(known) < k:
-        linked = [(i, j) for i in known for j in range(k) if j not in known and abs(product[i, j]) > tolerance[i, j]]
-        i, j = linked[0] if linked else (0, next(j for j in range(k) if j not in known))
+    signs, determined = np.ones(k), {0}
+    while len(determined) < k:
+        linked = [
+            (i, j) for i in determined for j in range(k) if j not in determined and abs(product[i, j]) > tolerance[i, j]
+        ]
+        i, j = linked[0] if linked else (0, next(j for j in range(k) if j not in determined))
         signs[j] = signs[i] * np.sign(product[i, j]) if linked else 1.0
-        known.add(j)
+        determined.add(j)
     error = np.abs(after - np.multiply.outer(signs, signs) * before).max()
     return signs if error <= SYMMETRY_TOLERANCE * np.abs(before).max() else None
 
@@ -344,8 +345,8 @@ class DualFunction:
 
     def moments(self, states: Array) -> tuple[Array, Array]:
         """Phi'Phi (N, k, k) and L h (N, K) in states (N, 3n)."""
-        found = self._moments.values(list(states.T))
-        gram, rates = found[: self.size**2], found[self.size**2 :]
+        moments = self._moments.values(list(states.T))
+        gram, rates = moments[: self.size**2], moments[self.size**2 :]
         return gram.T.reshape(-1, self.size, self.size), rates.T
 
     def values(self, points: Array, dual: DualVariables) -> Array:

@@ -54,8 +54,9 @@ EVERY_ASCENT = StoppingRule(steps=50, gain_tolerance=1e-7, extrapolation=20.0)
 """From the fifth step on gains decrease: the remaining gain was less than ten times that of the last five steps in half
 a million ascents, and twice that is allowed for."""
 REFINED_ASCENTS = 40
+"""So many of the best are continued."""
 REFINING_ASCENT = StoppingRule(steps=400, gain_tolerance=1e-8, extrapolation=20.0)
-"""The best of them are continued to convergence."""
+"""Of the continued ones: to convergence."""
 
 
 class AlignedArrays:
@@ -96,8 +97,8 @@ def random_points(joints: int, count: int, rng: np.random.Generator) -> Array:
 
 def at_best_vertex(function: DualFunction, points: Array, dual: DualVariables) -> LocalMaxima:
     """The points with the vertex of ddq where F is largest."""
-    parts = [function.values(points[part], dual) for part in _chunks(len(points))]
-    values = np.vstack(parts)
+    values_of_chunks = [function.values(points[chunk], dual) for chunk in _chunks(len(points))]
+    values = np.vstack(values_of_chunks)
     best = values.argmax(axis=1)
     return LocalMaxima(points, function.viable.vertices[best], values[np.arange(len(values)), best])
 
@@ -170,11 +171,11 @@ def local_maxima(
     first = at_best_vertex(function, points, dual)
     groups = [np.arange(first_of, len(points), keep) for first_of in range(min(keep, len(points)))]
     chosen = first.chosen(np.array([group[first.value[group].argmax()] for group in groups]))
-    chunks = [chosen.chosen(np.arange(len(chosen))[part]) for part in _chunks(len(chosen))]
+    chunks = [chosen.chosen(np.arange(len(chosen))[numbers]) for numbers in _chunks(len(chosen))]
     run = map if executor is None else executor.map
     count = len(chunks)
-    found = run(projected_gradient_ascent, [function] * count, chunks, [dual] * count, [rule] * count)
-    return reduce(LocalMaxima.joined, found)
+    maxima = run(projected_gradient_ascent, [function] * count, chunks, [dual] * count, [rule] * count)
+    return reduce(LocalMaxima.joined, maxima)
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,10 +208,10 @@ def maximise_dual_function(
     """The largest F from `count` new random starts, and from points (N, 2n) of the cube where it may be large."""
     points = np.vstack([random_points(function.joints, count, rng), support])
     keep = count // STARTS_PER_ASCENT
-    found = local_maxima(function, dual, points, keep=keep, rule=EVERY_ASCENT, executor=executor)
-    order = np.argsort(-found.value)
-    refined = projected_gradient_ascent(function, found.chosen(order[:REFINED_ASCENTS]), dual, REFINING_ASCENT)
-    return DualMaximum(refined.joined(found.chosen(order[REFINED_ASCENTS:])), count)
+    maxima = local_maxima(function, dual, points, keep=keep, rule=EVERY_ASCENT, executor=executor)
+    order = np.argsort(-maxima.value)
+    refined = projected_gradient_ascent(function, maxima.chosen(order[:REFINED_ASCENTS]), dual, REFINING_ASCENT)
+    return DualMaximum(refined.joined(maxima.chosen(order[REFINED_ASCENTS:])), count)
 
 
 def _chunks(count: int) -> list[slice]:

@@ -34,9 +34,6 @@ from modeling.rig import Limits
 from modeling.space import Space
 from modeling.table import Table, Tabular
 
-# The upper bound with its dual, design measure and kind (proven or checked).
-
-
 Array = NDArray[np.float64]
 STATE_NAMES = ("q", "dq", "ddq")
 
@@ -239,9 +236,9 @@ def upper_bound(
     _require_planar(arm, limits)
     effort, rng = effort or Effort(), np.random.default_rng(seed)
     experiment = Experiment.of(model, arm, values, noise=noise)
-    function, found = dual_function(experiment, ViableStates(limits), degrees or PolynomialDegrees(), seed)
-    generation = ColumnGeneration(function, found, rng, effort.tolerance, effort.starts, executor, progress)
-    return _bound(function, generation.run(effort.rounds), found, effort, samples)
+    function, sign_symmetries = dual_function(experiment, ViableStates(limits), degrees or PolynomialDegrees(), seed)
+    generation = ColumnGeneration(function, sign_symmetries, rng, effort.tolerance, effort.starts, executor, progress)
+    return _bound(function, generation.run(effort.rounds), sign_symmetries, effort, samples)
 
 
 def dual_function(
@@ -251,13 +248,19 @@ def dual_function(
     plain = DualFunction(
         experiment, PeriodicityConditions(viable=viable, degrees=PolynomialDegrees(each=0, pair=0, more=0))
     )
-    found = symmetries(lambda states: plain.moments(states)[0], viable, seed)
-    changes = tuple(symmetry.change for symmetry in found)
-    return DualFunction(experiment, PeriodicityConditions(viable=viable, degrees=degrees, changes=changes)), found
+    sign_symmetries = symmetries(lambda states: plain.moments(states)[0], viable, seed)
+    changes = tuple(symmetry.change for symmetry in sign_symmetries)
+    return DualFunction(
+        experiment, PeriodicityConditions(viable=viable, degrees=degrees, changes=changes)
+    ), sign_symmetries
 
 
 def _bound(
-    function: DualFunction, generated: ColumnGenerationResult, found: tuple[Symmetry, ...], effort: Effort, samples: int
+    function: DualFunction,
+    generated: ColumnGenerationResult,
+    sign_symmetries: tuple[Symmetry, ...],
+    effort: Effort,
+    samples: int,
 ) -> DualityBound:
     """The bound of the best dual, proven where requested."""
     k, many, dual = function.size, function.size * log(samples), generated.dual
@@ -265,7 +268,7 @@ def _bound(
     checked = dual.value + many
     enclosed = None if proven is None else checked + k * log(proven.upper / k)
     closed = proven is not None and proven.closed
-    states, weights = symmetrised_measure(*generated.measure.support(function), found)
+    states, weights = symmetrised_measure(*generated.measure.support(function), sign_symmetries)
     return DualityBound(
         logdet=checked if enclosed is None or not closed else enclosed,
         kind=BoundKind.PROVEN if closed else BoundKind.CHECKED,

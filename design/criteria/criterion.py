@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 
 from modeling.errors import InputError
 
-# Cholesky factor of an information matrix as CasADi expressions, and whether a matrix has one.
-
 
 def is_regular(information: NDArray[np.float64]) -> bool:
     """Whether M (k, k) is positive definite beyond rounding, whatever the units of its parameters.

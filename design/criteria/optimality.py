@@ -11,8 +11,6 @@ import numpy as np
 from design.criteria.criterion import Array, Criterion, diagonal_blocks, symbolic_inverse, symbolic_pivots
 from modeling.errors import InputError
 
-# Scaled criteria: criteria of the covariance of parameters scaled by given magnitudes.
-
 
 @dataclass(frozen=True, eq=False)
 class ScaledCriterion(Criterion):
@@ -45,9 +43,6 @@ class ScaledCriterion(Criterion):
         if size != len(self.scale):
             raise ValueError(f"{len(self.scale)} magnitudes were given for an information of {size} parameters")
         return symbolic_inverse(information * np.outer(self.scale, self.scale))
-
-
-# A-optimality: the mean variance of the scaled parameters.
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,9 +79,6 @@ class AOptimal(ScaledCriterion):
     def expression(self, information: Any) -> Any:
         """-ln of the mean variance."""
         return -ca.log(ca.trace(self._covariance(information)) / information.shape[0])
-
-
-# E-optimality: a smooth lower bound of the smallest eigenvalue of the scaled information.
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,9 +136,6 @@ class EOptimal(ScaledCriterion):
         return -ca.log(total) - ca.log(ca.trace(power)) / self.power
 
 
-# Bayesian criterion: expectation of a criterion over a discrete prior.
-
-
 @dataclass(frozen=True)
 class BayesianCriterion(Criterion):
     """sum_i w_i criterion(M_ii), M_ii the i-th of the m diagonal blocks of M: the expectation over a prior.
@@ -184,9 +173,6 @@ class BayesianCriterion(Criterion):
 
     def __str__(self) -> str:
         return f"Bayesian {self.criterion} over {len(self.weights)} sets of parameter values"
-
-
-# Maximin criterion: smooth minimum of several criteria.
 
 
 @dataclass(frozen=True)
@@ -235,9 +221,6 @@ class MaximinCriterion(Criterion):
         return f"maximin of {len(self.criteria)} x {self.criteria[0]}"
 
 
-# D-optimality: the logarithm of the determinant of the information.
-
-
 @dataclass(frozen=True)
 class DOptimal(Criterion):
     """D-optimality: ln det M, M the information on all k parameters.
@@ -266,9 +249,6 @@ class DOptimal(Criterion):
     def degree(self, size: int) -> float:
         """k: det(c M) = c^k det M."""
         return float(size)
-
-
-# D_s-optimality: information on a subset of parameters, the others nuisance (Schur complement).
 
 
 @dataclass(frozen=True)

@@ -117,11 +117,11 @@ class DesignSetting:
 
     def require(self, models: Iterable[WrenchModel]) -> None:
         """InputError for recording-specific effects, and for signals that do not follow from this arm's joints."""
-        known = {*signal_names(self.arm), *CLOCK_SIGNALS}
+        available = {*signal_names(self.arm), *CLOCK_SIGNALS}
         for model in models:
             recording_specific = [e.id for e in model.effects if e.per_recording]
             unsuitable = [e.id for e in model.effects if not e.designable]
-            missing = [name for name in model.inputs if name not in known]
+            missing = [name for name in model.inputs if name not in available]
             if recording_specific:
                 what = f"{recording_specific[0]} is recording-specific, and no trajectory reproduces it"
                 raise InputError(what=what, where="effects to be discriminated", remedy="leave it out")
@@ -192,16 +192,16 @@ class ExchangeAlgorithm:
             task = self._task(histories, retained)
             initial = [max(rounds, key=lambda r: r.smallest).motion] if rounds else []
             initial = initial or [task.random((seed, 1, start)) for start in range(starts)]
-            found = self._best(number, optimise(task, initial, executor=self.executor), histories)
+            exchange = self._best(number, optimise(task, initial, executor=self.executor), histories)
             best = max((r.smallest for r in rounds), default=0.0)
-            rounds.append(found)
+            rounds.append(exchange)
             if progress is not None:
-                progress(found)
-            grown, fallen = found.smallest > (1 + LEAST_GROWTH) * best, found.smallest < (1 - LEAST_GROWTH) * best
+                progress(exchange)
+            grown, fallen = exchange.smallest > (1 + LEAST_GROWTH) * best, exchange.smallest < (1 - LEAST_GROWTH) * best
             if not grown and (retained > 1 or not fallen):
                 break
             retained = 1 if grown else RETAINED_FITS
-            for history, rival_fit in zip(histories, found.rival_fits, strict=True):
+            for history, rival_fit in zip(histories, exchange.rival_fits, strict=True):
                 history.append(rival_fit)
         return rounds
 
@@ -219,7 +219,7 @@ class ExchangeAlgorithm:
     ) -> ExchangeRound:
         """The best trajectory by its exact smallest lambda."""
         rounds = [ExchangeRound(number, a.motion, self.rival_fits(a.motion, histories)) for a in local_optima]
-        return max(rounds, key=lambda found: found.smallest)
+        return max(rounds, key=lambda exchange: exchange.smallest)
 
     def rival_fits(self, motion: Trajectory, histories: Sequence[list[RivalFit]]) -> tuple[RivalFit, ...]:
         """The exact rival fit in every direction, started from all known fits too."""
@@ -282,7 +282,7 @@ class DiscriminationDesign(Tabular):
             "before": self.reference,
             "coefficients": None if motion is None else motion.coefficients.tolist(),
             "worst_limit_use": None if use is None else use.to_data(),
-            "rounds": [found.smallest for found in self.rounds],
+            "rounds": [exchange.smallest for exchange in self.rounds],
         }
 
     @property
@@ -293,9 +293,9 @@ class DiscriminationDesign(Tabular):
             errors = [pair.error_probability(x) for x in (pair.before, pair.after)]
             runs = [pair.runs_for(x) for x in (LEVELS.confusable, LEVELS.separated)]
             for d in pair.directions:
-                known = [None] * 4 if d.indistinguishable else [*errors, *runs]
+                figures = [None] * 4 if d.indistinguishable else [*errors, *runs]
                 rows.append(
-                    (d.truth, d.rival, d.before, "indistinguishable" if d.indistinguishable else d.after, *known)
+                    (d.truth, d.rival, d.before, "indistinguishable" if d.indistinguishable else d.after, *figures)
                 )
         return Table.of(DISCRIMINATION_COLUMNS, rows)
 
@@ -492,9 +492,9 @@ def discriminate(
             interrupted = True
             if not rounds:
                 raise DesignInterrupted from None
-    best = max(rounds, key=lambda found: found.smallest, default=None)
+    best = max(rounds, key=lambda exchange: exchange.smallest, default=None)
     after = {} if best is None else dict(zip(distinct, _separations_along(setting, best.motion, distinct), strict=True))
-    found = DiscriminationDesign(
+    plan = DiscriminationDesign(
         setting=setting,
         motion=None if best is None else best.motion,
         pairs=tuple(ModelPair(directions=_separations(pair, after, runs), runs=runs) for pair in pairs),
@@ -503,8 +503,8 @@ def discriminate(
         rounds=tuple(rounds),
     )
     if interrupted:
-        raise DesignInterrupted(found)
-    return found
+        raise DesignInterrupted(plan)
+    return plan
 
 
 def _comparisons(

@@ -37,10 +37,9 @@ from modeling.parameter import Parameter
 from modeling.rival_fit import RivalFit, error_probability, fit_rival
 from modeling.significance import LEVELS
 
-# Whitened prediction and sensitivities of any model along one trajectory.
-
-
 Array = NDArray[np.float64]
+
+# Whitened prediction and sensitivities of any model along one trajectory.
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -60,7 +59,7 @@ class WhitenedPrediction:
         return cls(signals=signals, sampling=sampling, noise=noise)
 
     @cached_property
-    def known(self) -> dict[str, Array]:
+    def all_signals(self) -> dict[str, Array]:
         """The signals and those of the clock."""
         return {**dict(zip(CLOCK_SIGNALS, self.sampling.clock, strict=True)), **self.signals}
 
@@ -71,10 +70,10 @@ class WhitenedPrediction:
         at theta, from functions that are compiled once for all theta. Raises InputError for a signal that is missing.
         """
         prediction, count = compiled_prediction(model), self.sampling.samples
-        value, slopes = prediction.load.tangent(self.known, theta, count)
+        value, slopes = prediction.load.tangent(self.all_signals, theta, count)
         if prediction.has_transfer_function:
             value, slopes = self._filtered(model, theta, value, slopes)
-        zero, zero_slopes = prediction.bias.tangent(self.known, theta, count)
+        zero, zero_slopes = prediction.bias.tangent(self.all_signals, theta, count)
         stacked = np.concatenate([(value + zero)[:, :, None], slopes + zero_slopes], axis=2)
         rows = self.noise.whitened(stacked, self.sampling.step).reshape(-1, 1 + len(theta))
         return rows[:, 0], rows[:, 1:]
@@ -146,28 +145,34 @@ def parameter_bounds(model: WrenchModel) -> tuple[Array, Array]:
 
 
 def rival_starts(
-    target: Array, model: WrenchModel, own: tuple[str, ...], theta: Array, view: WhitenedPrediction, reach: float
+    target: Array,
+    model: WrenchModel,
+    distinguishing: tuple[str, ...],
+    theta: Array,
+    view: WhitenedPrediction,
+    reach: float,
 ) -> list[Array]:
     """Starting values of a fit to a target (R,): the best points of the effects' nuisance grids.
 
-    At each point of the grids of the effects `own`, their amplitudes at nominal, all other parameters are estimated by
-    linear least squares from theta (k,) and clipped to their bounds; the points of least residual are returned.
+    At each point of the grids of the `distinguishing` effects, their amplitudes at nominal, all other parameters are
+    estimated by linear least squares from theta (k,) and clipped to their bounds; the points of least residual are
+    returned.
     """
     low, high = parameter_bounds(model)
-    found = []
-    for values in _grid(model, own, _search_domain(view, model, reach)):
+    candidates = []
+    for values in _grid(model, distinguishing, _search_domain(view, model, reach)):
         start = np.array([values.get(p.name, v) for p, v in zip(model.parameters, theta, strict=True)])
         value, slopes = view.tangent(model, start)
         norm = np.linalg.norm(slopes, axis=0)
         scale = np.where(norm > 0, norm, 1.0)
         step = np.linalg.lstsq(slopes / scale, target - value, rcond=None)[0] / scale
         inside = np.clip(start + step, low, high)
-        found.append((float(((target - value - slopes @ (inside - start)) ** 2).sum()), inside))
-    return [start for _, start in sorted(found, key=lambda pair: pair[0])[:GRID_STARTS]]
+        candidates.append((float(((target - value - slopes @ (inside - start)) ** 2).sum()), inside))
+    return [start for _, start in sorted(candidates, key=lambda pair: pair[0])[:GRID_STARTS]]
 
 
-def _grid(model: WrenchModel, own: tuple[str, ...], domain: SearchDomain) -> list[dict[str, float]]:
-    effects = [e for e in model.effects if e.id in own]
+def _grid(model: WrenchModel, distinguishing: tuple[str, ...], domain: SearchDomain) -> list[dict[str, float]]:
+    effects = [e for e in model.effects if e.id in distinguishing]
     grids = [[{f"{e.id}.{k}": v for k, v in point.items()} for point in e.nuisance_grid(domain)] for e in effects]
     return [{k: v for point in points for k, v in point.items()} for points in product(*grids)]
 
@@ -191,8 +196,8 @@ class Hypothesis:
     @classmethod
     def of(cls, model: WrenchModel, values: ParameterValues) -> Self:
         """The model at values by name; names of other models are ignored, and values are nominal where not named."""
-        own = {p.name: values[p.name] for p in model.parameters if p.name in values}
-        return cls(model.unrestricted, parameter_vector(model, own))
+        of_model = {p.name: values[p.name] for p in model.parameters if p.name in values}
+        return cls(model.unrestricted, parameter_vector(model, of_model))
 
     @property
     def values(self) -> dict[str, float]:
@@ -232,10 +237,10 @@ def rival_models(model: WrenchModel, one: Effect, other: Effect) -> tuple[Wrench
     if one.id == other.id:
         what = f"{one.id} came twice"
         raise InputError(what=what, where="effects to be discriminated", remedy="name two effects")
-    known, rival = (one, other) if one.id in {e.id for e in model.effects} else (other, one)
-    _require(model, (known.id, rival.id))
+    present, rival = (one, other) if one.id in {e.id for e in model.effects} else (other, one)
+    _require(model, (present.id, rival.id))
     alone = model.without(rival.id) if rival.id in {e.id for e in model.effects} else model
-    return alone, alone.without(known.id) + rival
+    return alone, alone.without(present.id) + rival
 
 
 def _require(model: WrenchModel, ids: tuple[str, ...]) -> None:
@@ -291,14 +296,14 @@ class DirectedPair:
         full, reduced = (whitened_predictions(views, h.model, h.theta)[0] for h in (self.truth, without))
         return float(((full - reduced) ** 2).sum())
 
-    def rival_fit(self, views: Sequence[WhitenedPrediction], reach: float, known: Sequence[Array] = ()) -> RivalFit:
-        """The rival's fit, along one trajectory or several together; `known` are values (k,) of further starts."""
+    def rival_fit(self, views: Sequence[WhitenedPrediction], reach: float, further: Sequence[Array] = ()) -> RivalFit:
+        """The rival's fit, along one trajectory or several together; `further` are values (k,) of more starts."""
         target, _ = whitened_predictions(views, self.truth.model, self.truth.theta)
         common = Hypothesis.of(self.rival, self.truth.values).theta
         first = target[: len(target) // len(views)]
-        own = effects_only_in(self.rival, self.truth.model)
-        starts = rival_starts(first, self.rival, own, common, views[0], reach)
-        return fit_rival(RivalAlongTrajectories(target, self.rival, views), [*known, *starts])
+        distinguishing = effects_only_in(self.rival, self.truth.model)
+        starts = rival_starts(first, self.rival, distinguishing, common, views[0], reach)
+        return fit_rival(RivalAlongTrajectories(target, self.rival, views), [*further, *starts])
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,11 +34,10 @@ from modeling.parameter import Parameter
 from modeling.rig import Limits
 from modeling.space import Space
 
-# Parameter values at which an experiment is designed, and the parameters in which it is nonlinear.
-
-
 Array = NDArray[np.float64]
 ParameterValues = Mapping[str, float]
+
+# Parameter values at which an experiment is designed, and the parameters in which it is nonlinear.
 
 
 def parameter_vector(model: WrenchModel, theta: ParameterValues | Array | None) -> Array:
@@ -74,12 +73,12 @@ def nonlinear_parameters(model: WrenchModel) -> tuple[int, ...]:
     H and of the load.
     """
     prediction = compiled_prediction(model)
-    found = set(prediction.transfer_parameters)
-    for part in (prediction.load, prediction.bias):
-        parameters = part.symbols[1]
-        slopes = ca.vec(ca.jacobian(part.graph, parameters))
-        found |= {i for i, depends in enumerate(ca.which_depends(slopes, parameters, 1, False)) if depends}
-    return tuple(sorted(found | (set(prediction.load.active) if prediction.has_transfer_function else set())))
+    indices = set(prediction.transfer_parameters)
+    for vector in (prediction.load, prediction.bias):
+        parameters = vector.symbols[1]
+        slopes = ca.vec(ca.jacobian(vector.graph, parameters))
+        indices |= {i for i, depends in enumerate(ca.which_depends(slopes, parameters, 1, False)) if depends}
+    return tuple(sorted(indices | (set(prediction.load.active) if prediction.has_transfer_function else set())))
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -216,11 +215,11 @@ class Experiment:
 
     def signal_columns(self, signals: Mapping[str, Array], sampling: Sampling) -> Array:
         """The same (N, p, k) from the model's signals (N,) by name."""
-        known = {**dict(zip(CLOCK_SIGNALS, sampling.clock, strict=True)), **signals}
-        _require_signals(self.inputs, tuple(known), "these signals")
+        all_signals = {**dict(zip(CLOCK_SIGNALS, sampling.clock, strict=True)), **signals}
+        _require_signals(self.inputs, tuple(all_signals), "these signals")
         columns = np.zeros((sampling.samples, len(self.channels), self.size))
         for term in self.terms:
-            values = term.values(known, sampling.samples)
+            values = term.values(all_signals, sampling.samples)
             columns[:, :, list(term.columns)] += (
                 values if term.response is None else sampling.through(term.response, values)
             )
@@ -276,8 +275,8 @@ def _word(space: Space) -> str:
     return "planar" if space is Space.PLANE else "spatial"
 
 
-def _require_signals(inputs: Sequence[str], known: Sequence[str], source: str) -> None:
-    missing = [name for name in inputs if name not in known]
+def _require_signals(inputs: Sequence[str], available: Sequence[str], source: str) -> None:
+    missing = [name for name in inputs if name not in available]
     if missing:
         raise InputError(
             what=f"the model needs the signal '{missing[0]}', which {source} do not give",
@@ -289,8 +288,10 @@ def _require_signals(inputs: Sequence[str], known: Sequence[str], source: str) -
 # Sensitivities along random trajectories: identifiability on any trajectory, noise-equivalent parameter sizes.
 
 
-RANDOM_TRAJECTORIES, RANDOM_SAMPLES = 4, 64
-"""768 readings of three channels: many times the parameters of a model."""
+RANDOM_TRAJECTORIES = 4
+"""With `RANDOM_SAMPLES` each they are 768 readings of three channels: many times the parameters of a model."""
+RANDOM_SAMPLES = 64
+"""Samples of a random trajectory."""
 RANDOM_PERIOD = 5.0
 """Seconds: with velocities of some rad/s an arm traverses its range in it."""
 DEFAULT_LIMITS = (2.0, 2.0, 10.0)

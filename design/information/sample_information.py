@@ -13,9 +13,6 @@ from design.information.experiment import ParameterValues, nonlinear_parameters,
 from modeling.chain.model import WrenchModel
 from modeling.errors import InputError
 
-# Discrete prior: weighted sets of parameter values (cubature points).
-
-
 Array = NDArray[np.float64]
 
 

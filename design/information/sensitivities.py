@@ -19,9 +19,6 @@ from modeling.errors import InputError
 from modeling.kinematics.arm import Arm
 from modeling.noise import NoiseModel, StationaryNoise
 
-# Sampling: the instants at which a trajectory is sampled, and filters over them.
-
-
 Array = NDArray[np.float64]
 FrequencyResponse = Callable[[Array], NDArray[np.complex128]]
 """A transfer function at angular frequencies (L,) in rad/s: (L,)."""
@@ -73,9 +70,6 @@ class Sampling:
     def matrix(self, response: FrequencyResponse) -> Array:
         """The filter as a matrix (N, N) of impulse responses."""
         return self.through(response, np.eye(self.samples))
-
-
-# One term of the reading or its sensitivities: a matrix of signals through a transfer function.
 
 
 class ReadingPart(Enum):
@@ -157,8 +151,8 @@ def sensitivity_terms(model: WrenchModel, theta: Array, first: int = 0) -> tuple
     """
     prediction = compiled_prediction(model)
     _require_load_and_filter(prediction)
-    parts = zip(prediction_terms(model, theta, first), (prediction.load, prediction.bias), strict=True)
-    terms = [replace(t, by=part.active, columns=tuple(first + i for i in part.active)) for t, part in parts]
+    pairs = zip(prediction_terms(model, theta, first), (prediction.load, prediction.bias), strict=True)
+    terms = [replace(t, by=vector.active, columns=tuple(first + i for i in vector.active)) for t, vector in pairs]
     for number, index in enumerate(prediction.transfer_parameters):
         slope = ModelTransferFunction(model=model, theta=tuple(theta), slope=number)
         column = (first + index,)
@@ -188,9 +182,6 @@ def prediction_terms(model: WrenchModel, theta: Array, column: int, factor: floa
     return load, replace(load, part=ReadingPart.BIAS, response=None)
 
 
-# Joint state: position, velocity and acceleration of the joints, and all signals that follow from them.
-
-
 STATE_PREFIXES = ("q", "dq", "ddq")
 
 
@@ -210,9 +201,6 @@ def signals_of_state(arm: Arm) -> Any:
     state = ca.SX.sym("x", len(STATE_PREFIXES) * arm.joints)
     motion = arm.function(*ca.vertsplit(state, arm.joints))
     return ca.Function("signals", [state], [ca.densify(ca.vertcat(state, motion))])
-
-
-# Sensitivities as CasADi expressions of the joint states.
 
 
 SensitivityShape = tuple[int, int]

@@ -24,12 +24,16 @@ Array = NDArray[np.float64]
 LOW_HARMONICS = (1, 2, 3, 4)
 """Harmonics of random starts: large motions. Starts with the highest frequencies lead to poor optima (measured: half a
 nat less), and six harmonics take ten times as long as four to an optimum of the same value."""
-START_LIMIT_USE, VARIED_LIMIT_USE = 0.9, 0.5
-"""Random starts use nine tenths of their limits, so that the interior point starts inside; half where they are to be as
-free to grow as to shrink (measured: more of them lead to the highest optima)."""
-FEWEST_SAMPLES, SAMPLES_PER_FUNCTION = 48, 4
-"""Samples that replace more in a search: four to each basis function give the mean over time to 1e-6."""
+START_LIMIT_USE = 0.9
+"""Share of its limits that a random start uses: less than all, so that the interior point starts inside."""
+VARIED_LIMIT_USE = 0.5
+"""The same of a varied start, as free to grow as to shrink (measured: more of them lead to the highest optima)."""
+FEWEST_SAMPLES = 48
+"""Samples at least in a search, which replace more."""
+SAMPLES_PER_FUNCTION = 4
+"""Samples for each basis function in a search: four give the mean over time to 1e-6."""
 CONTRACTION_BISECTIONS = 20
+"""Most bisections of a contraction, should its accuracy not be reached before."""
 CONTRACTION_ACCURACY = 1e-7
 """Relative accuracy of a contraction: its error in the criterion is far below the optimiser's accuracy."""
 ROUNDING_CONTRACTION = 1 - 1e-9
@@ -54,7 +58,7 @@ class DesignTask:
     def random(self, seed: Sequence[int]) -> Trajectory:
         """A random trajectory of few harmonics that uses nine tenths of its limits, projected on the series."""
         series = self.objective.series
-        found = random_feasible_trajectory(
+        motion = random_feasible_trajectory(
             FreeSeries(joints=series.joints, harmonics=LOW_HARMONICS, period=series.duration),
             self.limits,
             workspace=self.workspace,
@@ -62,7 +66,7 @@ class DesignTask:
             tip_length=self.tip_length,
             seed=seed,
         )
-        return self.towards_rest(found.projected(series), START_LIMIT_USE)
+        return self.towards_rest(motion.projected(series), START_LIMIT_USE)
 
     def varied(self, seed: Sequence[int], *, odd: bool) -> Trajectory:
         """A random trajectory that uses half its limits; odd in time about its mean posture with `odd`.

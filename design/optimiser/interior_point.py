@@ -16,9 +16,6 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from design.optimiser.limit_constraints import LimitConstraints, Polytope
 from design.optimiser.objective import Objective, ObjectiveDerivatives
 
-# Nonlinear program solved by IPOPT, and its termination status.
-
-
 Array = NDArray[np.float64]
 
 OPTIMALITY_TOLERANCE = 1e-6
@@ -78,10 +75,10 @@ class NonlinearProgram:
         program = {"x": self.x, "f": self.f, "g": self.g}
         solver = ca.nlpsol("design", "ipopt", program, self._options(iterations, warm))
         with _SOLVER_LOCK:
-            found = solver(x0=self.start, lbg=self.low, ubg=self.high)
+            solution = solver(x0=self.start, lbg=self.low, ubg=self.high)
         stats: Mapping[str, Any] = solver.stats()
         return OptimiserSolution(
-            coefficients=np.array(found["x"]).ravel(),
+            coefficients=np.array(solution["x"]).ravel(),
             outcome=_STATUS.get(stats["return_status"], TerminationStatus.FAILED),
             evaluations=int(stats["n_call_nlp_f"]),
         )
@@ -109,8 +106,10 @@ def limit_constrained_program(objective: Objective, rows: LimitConstraints, star
     return NonlinearProgram(z, -objective.graph(z), limits, low, high, start, hessian)
 
 
-BARRIER_FACTOR, BARRIER_POWER = 0.2, 1.5
-"""The barrier parameter goes from mu to the smaller of 0.2 mu and mu^1.5 (Waechter and Biegler 2006, eq. 7)."""
+BARRIER_FACTOR = 0.2
+"""The barrier parameter goes from mu to this multiple of it, or to a power of it (Waechter and Biegler 2006, eq. 7)."""
+BARRIER_POWER = 1.5
+"""That power, taken where it is smaller: convergence near the solution is superlinear."""
 BARRIER_TOLERANCE = 10.0
 """A barrier problem is solved when its error is below this multiple of mu (the same, eq. 6)."""
 FRACTION_TO_BOUNDARY = 0.99

@@ -15,18 +15,15 @@ from design.trajectories.trajectory import TrajectorySeries
 from modeling.kinematics.arm import Arm
 from modeling.rig import Limits, Workspace
 
-# Linear joint-limit constraints as a polytope of coefficients.
-
-
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class JointBlock:
-    """Limits of one joint, -1 <= A z[own] - middle <= 1: indices own (c,) of the coefficients that move it, A (R, c),
+    """Limits of one joint, -1 <= A z[moving] - middle <= 1: indices (c,) of the coefficients that move it, A (R, c),
     middle (R,), and the place of its rows among those of all joints."""
 
-    own: NDArray[np.intp]
+    moving: NDArray[np.intp]
     matrix: Array
     middle: Array
     place: slice
@@ -34,7 +31,7 @@ class JointBlock:
     @cached_property
     def square(self) -> tuple[NDArray[np.intp], ...]:
         """The indices of a joint's coefficients by themselves."""
-        return np.ix_(self.own, self.own)
+        return np.ix_(self.moving, self.moving)
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +46,7 @@ class Polytope:
 
     def change(self, step: Array) -> Array:
         """A step (R,): the change of the rows by a step (k,) of the coefficients."""
-        return np.concatenate([block.matrix @ step[block.own] for block in self.blocks])
+        return np.concatenate([block.matrix @ step[block.moving] for block in self.blocks])
 
     def slack(self, z: Array) -> Array:
         """(2, R): the slacks to the high and to the low limits at z (k,); positive inside."""
@@ -60,7 +57,7 @@ class Polytope:
         """A' (high - low) (k,) of multipliers (2, R)."""
         net, total = multipliers[0] - multipliers[1], np.zeros(self.size)
         for block in self.blocks:
-            total[block.own] += net[block.place] @ block.matrix
+            total[block.moving] += net[block.place] @ block.matrix
         return total
 
     def gram(self, weights: Array) -> Array:
@@ -85,15 +82,24 @@ class Polytope:
 
 Instants = dict[tuple[int, int], Array]
 
-COARSE_INSTANTS, MEDIUM_INSTANTS, FINE_INSTANTS = 4, 8, 16
-"""Instants per basis function of a smooth series: coarse ones are eight to the shortest wave, between which a limit is
-exceeded by up to 1 / cos(pi / 8) - 1 = 8 % (which the optimum exploits), so that the ranking of optima is not the final
-one; 16 leave 2 %, and fine ones 0.5 % at most."""
-INSTANTS_PER_PIECE = 1, 2, 4
-"""The same per piece of a spline: its highest derivative has its extremes at the knots."""
-TIP_MARGIN = 0.01, 0.01
-"""Margin of the tip inside the workspace: m, but no more than this share of its half width. Contracting a trajectory by
-the thousandths by which its joints exceed their limits moves the tip by millimetres, not always inwards."""
+COARSE_INSTANTS = 4
+"""Instants per basis function of a smooth series: eight to the shortest wave, between which a limit is exceeded by up
+to 1 / cos(pi / 8) - 1 = 8 % (which the optimum exploits), so that the ranking of optima is not the final one."""
+MEDIUM_INSTANTS = 8
+"""The same for ranking optima: 16 to the shortest wave leave 2 %."""
+FINE_INSTANTS = 16
+"""The same where a limit is nearly reached: 0.5 % at most."""
+COARSE_PER_PIECE = 1
+"""Coarse instants per piece of a spline: its highest derivative has its extremes at the knots."""
+MEDIUM_PER_PIECE = 2
+"""Medium instants per piece of a spline."""
+FINE_PER_PIECE = 4
+"""Fine instants per piece of a spline."""
+TIP_MARGIN = 0.01
+"""Margin of the tip inside the workspace, m: contracting a trajectory by the thousandths by which its joints exceed
+their limits moves the tip by millimetres, not always inwards."""
+LARGEST_MARGIN_SHARE = 0.01
+"""The margin is no more than this share of the workspace's half width, so that a narrow one stays."""
 NEAR_LIMIT = 0.8
 """Share of a limit above which it is imposed at the fine instants; elsewhere at the coarse ones."""
 
@@ -152,7 +158,7 @@ class LimitConstraints:
     def graph(self, z: Any) -> tuple[Any, Array, Array]:
         """CasADi expression (R,) of the coefficients z (k,), with its low (R,) and high (R,)."""
         tip, low, high = self._tip(z)
-        linear = ca.vertcat(*[ca.DM(b.matrix) @ z[b.own.tolist()] - ca.DM(b.middle) for b in self.polytope.blocks])
+        linear = ca.vertcat(*[ca.DM(b.matrix) @ z[b.moving.tolist()] - ca.DM(b.middle) for b in self.polytope.blocks])
         ends = np.ones(linear.numel())
         places = len(self.tip)
         return (
@@ -170,23 +176,23 @@ class LimitConstraints:
     @cached_property
     def polytope(self) -> Polytope:
         """The joint limits at the instants."""
-        found, at = list[JointBlock](), 0
+        blocks, at = list[JointBlock](), 0
         for joint in range(self.series.joints):
-            own = np.flatnonzero(self.series.mixing[joint].any(axis=0))
-            matrix, middle = self._rows_of(joint, own)
-            found.append(JointBlock(own, matrix, middle, slice(at, at + len(middle))))
+            moving = np.flatnonzero(self.series.mixing[joint].any(axis=0))
+            matrix, middle = self._rows_of(joint, moving)
+            blocks.append(JointBlock(moving, matrix, middle, slice(at, at + len(middle))))
             at += len(middle)
-        return Polytope(tuple(found), self.series.size)
+        return Polytope(tuple(blocks), self.series.size)
 
-    def _rows_of(self, joint: int, own: NDArray[np.intp]) -> tuple[Array, Array]:
-        mixing = self.series.mixing[joint][:, own]
-        parts, middles = list[Array](), list[Array]()
+    def _rows_of(self, joint: int, moving: NDArray[np.intp]) -> tuple[Array, Array]:
+        mixing = self.series.mixing[joint][:, moving]
+        matrices, middles = list[Array](), list[Array]()
         for (order, j), times in self.instants.items():
             if j == joint:
                 middle, half = middle_and_half(self.limits, order)
-                parts.append(self.series.functions(times, order) @ mixing / half[j])
+                matrices.append(self.series.functions(times, order) @ mixing / half[j])
                 middles.append(np.full(len(times), middle[j] / half[j]))
-        return np.vstack(parts), np.concatenate(middles)
+        return np.vstack(matrices), np.concatenate(middles)
 
     def _tip(self, z: Any) -> tuple[Any, Array, Array]:
         """CasADi expression of the tip's limited coordinates (S, len(tip)), with the box low (S,) and high (S,), m."""
@@ -194,7 +200,7 @@ class LimitConstraints:
             return ca.MX.zeros(0, 1), np.zeros(0), np.zeros(0)
         index, low, high = workspace_box(self.workspace, self.arm)
         middle, half = (low + high) / 2, (high - low) / 2
-        half = half - np.minimum(TIP_MARGIN[0], TIP_MARGIN[1] * half)
+        half = half - np.minimum(TIP_MARGIN, LARGEST_MARGIN_SHARE * half)
         basis = self.series.basis(self.tip, 0).reshape(-1, self.series.size)
         q = ca.reshape(ca.sparsify(ca.DM(basis)) @ z, self.series.joints, len(self.tip))
         return self.arm.tip(self.tip_length).map(len(self.tip))(q)[index, :], middle - half, middle + half
@@ -236,9 +242,12 @@ def workspace_box(workspace: Workspace, arm: Arm | None) -> tuple[list[int], Arr
 def _instants(series: TrajectorySeries) -> tuple[Array, Array, Array]:
     """Coarse, medium and fine instants, s."""
     functions, pieces = series.mixing.shape[1], len(series.breaks) - 1
-    each = zip(INSTANTS_PER_PIECE, (COARSE_INSTANTS, MEDIUM_INSTANTS, FINE_INSTANTS), strict=True)
-    coarse, medium, fine = (p * pieces if pieces > functions / 2 else f * functions for p, f in each)
-    return series.instants(coarse), series.instants(medium), series.instants(fine)
+    if pieces > functions / 2:
+        counts = (COARSE_PER_PIECE * pieces, MEDIUM_PER_PIECE * pieces, FINE_PER_PIECE * pieces)
+    else:
+        counts = (COARSE_INSTANTS * functions, MEDIUM_INSTANTS * functions, FINE_INSTANTS * functions)
+    coarse, medium, fine = map(series.instants, counts)
+    return coarse, medium, fine
 
 
 def _more(times: Array, fine: Array, use: Array) -> Array:

@@ -31,15 +31,33 @@ NEGLIGIBLE_GAIN = 2e-3
 """Nats: a round with a smaller gain is the last."""
 REFINEMENT_ROUNDS = 5
 """Most rounds of adding instants; two or three are typical."""
-FIRST_BARRIER = 3.0, 0.3, 0.1
-"""The initial barrier in nats, summed over all constraints: from a random start, near an optimum of other constraints,
-and at it. From random starts 10 attracts most of them to one optimum, and with 1 they take twice as long."""
-LAST_BARRIER = 1e-3, 1e-4, 1e-5
-"""The last barrier parameter, nats: from a random start, to rank optima, and for the final value. Between the first two
-the trajectory is contracted a little, which leads away from saddles and narrow optima (measured: a third gain up to
-0.2 nats)."""
-START_MARGIN = 0.05, 0.02, 1e-3
-"""The least share of the static posture's slack that a start leaves, for the same three cases."""
+ROUGH_BARRIER = 1e-3
+"""The last barrier parameter, nats, of a solution from a random start. The trajectory is then contracted a little,
+which leads away from saddles and narrow optima (measured: a third gain up to 0.2 nats)."""
+RANKING_BARRIER = 1e-4
+"""The same of the solution that follows, by which optima are ranked."""
+FINAL_BARRIER = 1e-5
+"""The same for the final value."""
+
+
+@dataclass(frozen=True)
+class StartQuality:
+    """How the interior-point method begins, by what is expected of its start.
+
+    barrier   initial barrier in nats, summed over all constraints
+    margin    least share of the static posture's slack that the start leaves
+    """
+
+    barrier: float
+    margin: float
+
+
+RANDOM_START = StartQuality(barrier=3.0, margin=0.05)
+"""A barrier of 10 attracts most random starts to one optimum, and with 1 they take twice as long."""
+NEAR_OPTIMUM = StartQuality(barrier=0.3, margin=0.02)
+"""Near an optimum of other constraints."""
+AT_OPTIMUM = StartQuality(barrier=0.1, margin=1e-3)
+"""At the optimum but for the instants added."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -64,10 +82,9 @@ def screen_start(task: DesignTask, start: Trajectory) -> LocalOptimum:
     For tasks that are `direct`. Raises InputError when no static posture of the series is within the limits.
     """
     begun, limits = perf_counter(), task.ranking_limits.polytope
-    first, second = LAST_BARRIER[:2]
-    rough = _solved(task, task.thinned, limits, start, case=0, last=first)
+    rough = _solved(task, task.thinned, limits, start, RANDOM_START, last=ROUGH_BARRIER)
     motion = Trajectory(start.series, rough.coefficients)
-    solution = _solved(task, task.thinned, limits, motion, case=1, last=second)
+    solution = _solved(task, task.thinned, limits, motion, NEAR_OPTIMUM, last=RANKING_BARRIER)
     motion, evaluations = Trajectory(start.series, solution.coefficients), rough.evaluations + solution.evaluations
     return LocalOptimum(
         motion=motion,
@@ -97,8 +114,8 @@ def refine_optimum(task: DesignTask, start: Trajectory) -> LocalOptimum:
     """The local optimum near a trajectory that `screen_start` found, within its limits at every instant."""
 
     def solve(rows: LimitConstraints, motion: Trajectory, round_: int) -> OptimiserSolution:
-        case = min(round_ + 1, len(FIRST_BARRIER) - 1)
-        return _solved(task, task.derivatives, rows.polytope, motion, case=case, last=LAST_BARRIER[2])
+        quality = NEAR_OPTIMUM if round_ == 0 else AT_OPTIMUM
+        return _solved(task, task.derivatives, rows.polytope, motion, quality, last=FINAL_BARRIER)
 
     return _refined(task, start, task.ranking_limits.refined(start.coefficients), solve, NEGLIGIBLE_GAIN)
 
@@ -108,14 +125,14 @@ def _solved(
     derivatives: ObjectiveDerivatives,
     polytope: Polytope,
     start: Trajectory,
+    quality: StartQuality,
     *,
-    case: int,
     last: float,
 ) -> OptimiserSolution:
     """The interior-point solution from a start that is contracted until it is strictly feasible."""
-    first = FIRST_BARRIER[case] / (2 * len(polytope))
+    first = quality.barrier / (2 * len(polytope))
     for static in (task.still(start), task.objective.series.rest(task.limits.position.mean(axis=1))):
-        share = polytope.reach(static, start.coefficients, START_MARGIN[case])
+        share = polytope.reach(static, start.coefficients, quality.margin)
         if share is not None:
             inside = static + share * (start.coefficients - static)
             return InteriorPoint(derivatives, polytope).solve(
@@ -158,11 +175,11 @@ def _refined(
         if not np.isfinite(solution.coefficients).all():
             break
         motion = Trajectory(start.series, solution.coefficients)
-        found = contracted_optimum(task, motion, solution.outcome)
-        ended = TerminationStatus.FAILED if found is None else found.outcome
-        before, best = best, max((a for a in (best, found) if a is not None), key=lambda a: a.value, default=None)
+        contracted = contracted_optimum(task, motion, solution.outcome)
+        ended = TerminationStatus.FAILED if contracted is None else contracted.outcome
+        before, best = best, max((a for a in (best, contracted) if a is not None), key=lambda a: a.value, default=None)
         settled = before is not None and best is not None and best.value - before.value < least_gain
-        if found is not None and (found.contraction_loss < CONTRACTION_TOLERANCE or (round_ > 0 and settled)):
+        if contracted is not None and (contracted.contraction_loss < CONTRACTION_TOLERANCE or (round_ > 0 and settled)):
             break
         rows = rows.refined(solution.coefficients)
     if best is None:
@@ -222,7 +239,7 @@ def optimise(
             progress(result)
     if refused and not local_optima:
         raise refused[min(refused)]
-    return tuple(sorted((local_optima[number] for number in sorted(local_optima)), key=lambda found: -found.value))
+    return tuple(sorted((local_optima[number] for number in sorted(local_optima)), key=lambda optimum: -optimum.value))
 
 
 def _results(

@@ -116,7 +116,7 @@ class Objective:
         count, states = self.samples, self._states_of(z)
         _, slopes, curvature = self.sample
         mean = self._mean(z)
-        weight, score_hessian = (part(mean) for part in self.score[1:])
+        weight, score_hessian = (function(mean) for function in self.score[1:])
         jacobian = slopes.map(count)(states) @ self._basis / count
         blocks = curvature.map(count)(states, ca.repmat(weight / count, 1, count))
         state_hessian = ca.diagcat(*ca.horzsplit(blocks, 3 * self.experiment.joints))
@@ -134,9 +134,6 @@ class Objective:
         return ca.reshape(self._basis @ z, 3 * self.experiment.joints, self.samples)
 
 
-# A compiled function of one state, at many samples.
-
-
 @dataclass(frozen=True, eq=False)
 class SampledFunction:
     """A CasADi function with one dense result (r, c), at `samples` columns of its arguments, in and out of arrays.
@@ -151,19 +148,16 @@ class SampledFunction:
         """The results (r, c, samples) at the columns of each argument (.., samples)."""
         buffer, evaluate = self._mapped.buffer()
         taken = [np.ravel(np.asarray(argument, dtype=np.float64), order="F") for argument in arguments]
-        found = np.empty(self._mapped.nnz_out(0))
+        results = np.empty(self._mapped.nnz_out(0))
         for number, numbers in enumerate(taken):
             buffer.set_arg(number, numbers.data)
-        buffer.set_res(0, found.data)
+        buffer.set_res(0, results.data)
         evaluate()
-        return found.reshape(*self.function.size_out(0), self.samples, order="F")
+        return results.reshape(*self.function.size_out(0), self.samples, order="F")
 
     @cached_property
     def _mapped(self) -> Any:
         return self.function.map(self.samples)
-
-
-# Numerical gradient and Hessian of the design objective.
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,7 +179,7 @@ class ObjectiveDerivatives:
         objective, states = self.objective, self._states(z)
         count = objective.samples
         mean = self._mean(states)
-        weight, score_hessian = (part(mean)[:, :, 0] for part in self._score[1:])
+        weight, score_hessian = (function(mean)[:, :, 0] for function in self._score[1:])
         jacobian = self._jacobian(self._slopes(states) / count)
         curvature = self._curvature(states, np.repeat(weight / count, count, axis=1))
         curved = self._state_hessian(curvature.transpose(2, 0, 1))
@@ -198,13 +192,13 @@ class ObjectiveDerivatives:
         """For each joint the coefficients (c,) that move it, and its position, velocity, acceleration (N, 3, c)."""
         states, n = self.objective.states, self.objective.series.joints
         columns = [np.flatnonzero(self.objective.series.mixing[j].any(axis=0)) for j in range(n)]
-        return [(own, np.ascontiguousarray(states[:, j::n][:, :, own])) for j, own in enumerate(columns)]
+        return [(moving, np.ascontiguousarray(states[:, j::n][:, :, moving])) for j, moving in enumerate(columns)]
 
     def _states(self, z: Array) -> Array:
         """(3n, N): the order of the samples' functions, position of all joints first."""
         states = np.empty((len(DERIVATIVE_ORDERS), self.objective.series.joints, self.objective.samples))
-        for j, (own, basis) in enumerate(self._blocks):
-            states[:, j] = (basis @ z[own]).T
+        for j, (moving, basis) in enumerate(self._blocks):
+            states[:, j] = (basis @ z[moving]).T
         return states.reshape(-1, self.objective.samples)
 
     def _mean(self, states: Array) -> Array:
@@ -215,9 +209,9 @@ class ObjectiveDerivatives:
         """J (E, k) = sum_t m'(x_t) B_t from m' (E, 3n, N)."""
         n = self.objective.series.joints
         jacobian = np.zeros((len(slopes), self.objective.series.size))
-        for j, (own, basis) in enumerate(self._blocks):
+        for j, (moving, basis) in enumerate(self._blocks):
             of_joint = slopes[:, j::n].transpose(0, 2, 1).reshape(len(slopes), -1)
-            jacobian[:, own] += of_joint @ basis.reshape(-1, len(own))
+            jacobian[:, moving] += of_joint @ basis.reshape(-1, len(moving))
         return jacobian
 
     def _state_hessian(self, curvature: Array) -> Array:
@@ -227,21 +221,21 @@ class ObjectiveDerivatives:
         for j, (rows, basis) in enumerate(self._blocks):
             for i, (columns, other_basis) in enumerate(self._blocks[: j + 1]):
                 product = (curvature[:, j::n, i::n] @ other_basis).reshape(-1, len(columns))
-                part = basis.reshape(-1, len(rows)).T @ product
-                total[self._crossings[j, i]] += part
+                block = basis.reshape(-1, len(rows)).T @ product
+                total[self._crossings[j, i]] += block
                 if i < j:
-                    total[self._crossings[i, j]] += part.T
+                    total[self._crossings[i, j]] += block.T
         return total
 
     @cached_property
     def _crossings(self) -> dict[tuple[int, int], tuple[NDArray[np.intp], ...]]:
         """The indices of each joint's coefficients by those of another."""
-        numbered = list(enumerate(own for own, _ in self._blocks))
+        numbered = list(enumerate(moving for moving, _ in self._blocks))
         return {(j, i): np.ix_(rows, columns) for j, rows in numbered for i, columns in numbered}
 
     @cached_property
     def _score(self) -> list[SampledFunction]:
-        return [SampledFunction(part, 1) for part in self.objective.score]
+        return [SampledFunction(function, 1) for function in self.objective.score]
 
     @cached_property
     def _entries(self) -> SampledFunction:

@@ -20,10 +20,12 @@ CHAPTER_OPTIMUM_DEGREES = (
 """x_opt of equation 22.17, in degrees: an inference, from joint peaks of 42, 44 and 35 degrees."""
 
 SHARED_HARMONICS = (1, 2, 3)
+"""Harmonics of equation 22.10 whose coefficients all joints share."""
 OWN_HARMONICS = (4, 5, 6)
-"""Harmonics of equation 22.10: those shared by all joints, and those with coefficients of each joint."""
+"""Harmonics of equation 22.10 with coefficients of each joint."""
 
 POINTS_PER_WAVE = 256
+"""Points of a grid to the shortest wave."""
 EHLICH_ZELLER_FACTOR = 1 / float(np.cos(np.pi / POINTS_PER_WAVE))
 """A trigonometric polynomial of degree H stays below its largest absolute value on M equally spaced points of a period
 divided by cos(pi H / M) (Ehlich and Zeller, Math. Z. 86 (1964) 41-44); 7.5e-5 more with 256 points to a wave."""
@@ -86,9 +88,9 @@ def _grid(waves: Sequence[int], duration: float) -> Array:
 @lru_cache(maxsize=8)
 def _functions_on_grid(waves: tuple[int, ...], duration: float, order: int) -> Array:
     """Kept: the limits of every motion that is tried ask for the same. Not to be written to."""
-    found = _functions(waves, duration, _grid(waves, duration), order)
-    found.flags.writeable = False
-    return found
+    values = _functions(waves, duration, _grid(waves, duration), order)
+    values.flags.writeable = False
+    return values
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -207,13 +209,13 @@ class PaperSeries(FourierSeries):
     @cached_property
     def mixing(self) -> Array:
         """All joints have the shared coefficients; each its own sines."""
-        shared, own, count = len(SHARED_HARMONICS), len(OWN_HARMONICS), len(self.waves)
-        mixing = np.zeros((self.joints, 1 + 2 * count, 2 * shared + own * self.joints))
+        shared, separate, count = len(SHARED_HARMONICS), len(OWN_HARMONICS), len(self.waves)
+        mixing = np.zeros((self.joints, 1 + 2 * count, 2 * shared + separate * self.joints))
         mixing[:, 1 : 1 + shared, :shared] = np.eye(shared)
         mixing[:, 1 + count : 1 + count + shared, shared : 2 * shared] = np.eye(shared)
         for j in range(self.joints):
-            start = 2 * shared + own * j
-            mixing[j, 1 + shared : 1 + count, start : start + own] = np.eye(own)
+            start = 2 * shared + separate * j
+            mixing[j, 1 + shared : 1 + count, start : start + separate] = np.eye(separate)
         return mixing
 
 
@@ -233,9 +235,6 @@ def fourier_trajectory(
         )
     series = FreeSeries(joints=len(offsets), harmonics=tuple(range(1, sines.shape[1] + 1)), period=period)
     return Trajectory(series, np.hstack([offsets[:, None], sines, cosines]).ravel())
-
-
-# Random periodic trajectory within symmetric limits.
 
 
 def random_periodic_trajectory(

@@ -12,9 +12,6 @@ from scipy.interpolate import BPoly, BSpline
 from design.trajectories.trajectory import Array, TrajectorySeries, grid_bound, require_positive_duration
 from modeling.errors import InputError
 
-# Trajectories at rest at both ends: a smooth ramp times a periodic series.
-
-
 SMOOTH_STEP = BPoly(np.array([0.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0])[:, None], np.array([0.0, 1.0]))
 """From 0 to 1 with no velocity, acceleration or jerk at either end: the polynomial of least degree that does it."""
 

@@ -61,7 +61,7 @@ class ModelOutline:
     @classmethod
     def from_data(cls, data: Mapping[str, Any]) -> Self:
         """Inverse of `to_data`; KeyError or TypeError for other data."""
-        parts = {name: _part(**part) for name, part in data["parts"].items()}
+        parts = {name: _part(**fields) for name, fields in data["parts"].items()}
         return cls(parts=parts, stages=tuple(data["stages"]))
 
     def to_data(self) -> dict[str, Any]:
@@ -323,9 +323,10 @@ class WrenchModel:
         `deflected load` and `equilibrium` have the deflection signals among their parameters, and the same inputs.
         """
         chain, symbols = self.chain, tuple(p.symbol for p in self.parameters)
-        parts = {"load": self.load} | {name: part for s in chain.dynamics for name, part in s.vectors().items()}
+        vectors = {"load": self.load} | {name: vector for s in chain.dynamics for name, vector in s.vectors().items()}
         columns = {
-            name: SymbolicVector(part, self.inputs_of(part), symbols, self.definitions) for name, part in parts.items()
+            name: SymbolicVector(vector, self.inputs_of(vector), symbols, self.definitions)
+            for name, vector in vectors.items()
         }
         if chain.deflection is not None:
             deflected, equilibrium = symbols + chain.deflection.signals, chain.equilibrium()
@@ -344,9 +345,9 @@ class WrenchModel:
         """Names of all input signals of the prediction."""
         return self.outline.inputs
 
-    def reduced_to(self, part: str) -> WrenchModel:
+    def reduced_to(self, part_name: str) -> WrenchModel:
         """The model with those effects alone that act on a part: many models have it in common."""
-        return self.of_load if part in LOAD_PARTS else self.of_sensor
+        return self.of_load if part_name in LOAD_PARTS else self.of_sensor
 
     @cached_property
     def of_load(self) -> WrenchModel:
@@ -366,11 +367,11 @@ class WrenchModel:
         effects = tuple(filter(wanted, self.effects))
         return self if self._described is None or effects == self.effects else replace(self, effects=effects)
 
-    def stored(self, part: str, derive: Callable[[], PlainData], read: Callable[[PlainData], T]) -> T:
+    def stored(self, part_name: str, derive: Callable[[], PlainData], read: Callable[[PlainData], T]) -> T:
         """`read` of the data from `derive` for a part of this model, cached on disk for all processes."""
         if self._described is None:
             return read(derive())
-        return cached({"part": part, "model": self._described}, derive, read)
+        return cached({"part": part_name, "model": self._described}, derive, read)
 
     @cached_property
     def _described(self) -> str | None:

@@ -91,7 +91,7 @@ class DeflectedLoad:
             self.tangent(run, record.theta, each, record.clock, derivative=wanted, tolerance=tolerance)
             for run in several
         ]
-        value, slopes = (np.concatenate(part) for part in zip(*parts, strict=True))
+        value, slopes = (np.concatenate(blocks) for blocks in zip(*parts, strict=True))
         return ResponsePart(value, slopes, periodic)
 
     @cached_property

@@ -23,9 +23,6 @@ from modeling.compiled.tape_evaluation import TapeEvaluation
 from modeling.errors import InputError
 from modeling.space import Space
 
-# A regressor factored into linearly independent functions of the motion and constant weights.
-
-
 Array = NDArray[np.float64]
 
 

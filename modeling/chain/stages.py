@@ -16,9 +16,6 @@ if TYPE_CHECKING:
     from modeling.dynamics.sample_program import SampleProgramBuilder, Symbols
 
 
-# Abstract stage of the measurement chain, between the true wrench and the reading.
-
-
 class Stage(Enum):
     """Place in the measurement chain on which an effect acts, in the order of the chain."""
 
@@ -119,9 +116,6 @@ class SymbolicMap(ChainStage):
         raise NotImplementedError(f"{cls.__name__} stands behind a stage with memory and needs a response of its own")
 
 
-# Bias and drift of the readings.
-
-
 @dataclass(frozen=True)
 class Bias(SymbolicMap):
     """reading + bias, `value` (p, 1): zero point and drift, in signals and parameters."""
@@ -152,9 +146,6 @@ class Bias(SymbolicMap):
     def formula(self, reading: str) -> StageFormula:
         """reading + y_0."""
         return StageFormula("Bias", f"{reading} + y_0", (("y_0", self.value),))
-
-
-# Saturation of the readings.
 
 
 @dataclass(frozen=True)
@@ -194,9 +185,6 @@ class Clipping(SymbolicMap):
     def notes(self) -> list[str]:
         """A clipped reading bounds the contact only."""
         return ["Readings saturate: while one is at its saturation level, the contact is only a bound."]
-
-
-# Static calibration of the sensor: axes, gains and nonlinearity, as symbolic maps from the true wrench to the load.
 
 
 @dataclass(frozen=True)
@@ -266,9 +254,6 @@ class PolynomialGain(SymbolicMap):
         return StageFormula("Nonlinearity of the gain", "r", ((r"\rho", reading), *pairs))
 
 
-# Linear dynamics of the sensor: a transfer function of all channels.
-
-
 @dataclass(frozen=True)
 class LinearDynamics(ChainStage):
     """Every channel filtered by H(s)."""
@@ -309,9 +294,6 @@ class LinearDynamics(ChainStage):
     def notes(self) -> list[str]:
         """A contact is filtered too."""
         return ["The transfer function filters a contact as it does the load."]
-
-
-# Play (hysteresis) between load and reading.
 
 
 @dataclass(frozen=True)

@@ -20,9 +20,6 @@ from modeling.compiled.symbolic_vector import casadi_results
 from modeling.dynamics.sample_program import Assignments, DelayLine, InitialisedValues, NewtonSolution, SampleProgram
 from modeling.space import signals
 
-# The program of a sample as a CasADi graph, and its evaluation sample by sample.
-
-
 Array = NDArray[np.float64]
 
 
@@ -50,7 +47,7 @@ class CasadiSample:
         for statement in program.statements:
             run.execute(statement)
         if line is not None:
-            run.known |= dict(zip(line.values, ca.vertsplit(reading), strict=True))
+            run.graphs |= dict(zip(line.values, ca.vertsplit(reading), strict=True))
             run.execute(line)
         measured = reading if line is None else run.vector(line.symbols)
         memory = [1, run.vector(program.following), *run.stored] if state_size(program) else []
@@ -63,31 +60,31 @@ class _Execution:
     def __init__(self, program: SampleProgram, values: Mapping[sp.Symbol, Any], state: Any) -> None:
         started, *kept = ca.vertsplit(state) if state.numel() else [1]
         self._started, self._state, self.stored = started, iter(kept), list[Any]()
-        self.known = {**values, **dict(zip(program.states, self._state, strict=False))}
+        self.graphs = {**values, **dict(zip(program.states, self._state, strict=False))}
 
     def vector(self, symbols: tuple[sp.Symbol, ...]) -> Any:
         """Their values as one vector."""
-        return ca.vertcat(*(self.known[symbol] for symbol in symbols))
+        return ca.vertcat(*(self.graphs[symbol] for symbol in symbols))
 
     def execute(self, statement: Any) -> None:
         """Add the values of a statement."""
         if isinstance(statement, Assignments):
-            values = casadi_results(statement.program.shared, self.known)
+            values = casadi_results(statement.program.shared, self.graphs)
         elif isinstance(statement, InitialisedValues):
             values = self._initialised(statement)
         else:
             values = self._delayed(statement) if isinstance(statement, DelayLine) else self._solved(statement)
-        self.known |= dict(zip(statement.symbols, values, strict=True))
+        self.graphs |= dict(zip(statement.symbols, values, strict=True))
 
     def _initialised(self, statement: InitialisedValues) -> list[Any]:
         pairs = zip(self._graphs(statement.first), self._graphs(statement.later), strict=True)
         return [ca.if_else(self._started, later, first) for first, later in pairs]
 
     def _graphs(self, expressions: tuple[sp.Expr, ...]) -> list[Any]:
-        return casadi_results(StraightLineProgram.of(expressions), self.known)
+        return casadi_results(StraightLineProgram.of(expressions), self.graphs)
 
     def _delayed(self, line: DelayLine) -> list[Any]:
-        stored, width = [self.known[symbol] for symbol in line.values], len(line.values)
+        stored, width = [self.graphs[symbol] for symbol in line.values], len(line.values)
         for i in range((line.length - 1) * width):
             stored.append(ca.if_else(self._started, next(self._state), stored[i % width]))
         self.stored += stored[: len(stored) - width]
@@ -97,9 +94,9 @@ class _Execution:
         size, program = len(statement.symbols), statement.program.shared
         unknowns = ca.vertcat(*self._graphs(statement.start))
         for _ in range(statement.steps):
-            at = self.known | dict(zip(statement.symbols, ca.vertsplit(unknowns), strict=True))
-            found = ca.vertcat(*casadi_results(program, at))
-            unknowns -= ca.solve(ca.reshape(found[size:], size, size).T, found[:size])
+            at = self.graphs | dict(zip(statement.symbols, ca.vertsplit(unknowns), strict=True))
+            results = ca.vertcat(*casadi_results(program, at))
+            unknowns -= ca.solve(ca.reshape(results[size:], size, size).T, results[:size])
         return list(ca.vertsplit(unknowns))
 
 
@@ -182,8 +179,8 @@ def input_names(fitted: FittedModel) -> list[str]:
 def casadi_regressor(base: RigidToolRegressor) -> Any:
     """The CasADi function `regressor` of one sample: inputs by name as in FORMATS, output `Phi` (p, k)."""
     arguments = {name: ca.SX.sym(name, len(components)) for name, components in base.arguments.items()}
-    parts = [part for argument in arguments.values() for part in ca.vertsplit(argument)]
-    elements = casadi_results(base.program.shared, dict(zip(signals(*base.inputs), parts, strict=True)))
+    scalars = [scalar for argument in arguments.values() for scalar in ca.vertsplit(argument)]
+    elements = casadi_results(base.program.shared, dict(zip(signals(*base.inputs), scalars, strict=True)))
     columns = base.matrix.shape[1]
     Phi = ca.reshape(ca.vertcat(*elements), columns, -1).T
     return ca.Function("regressor", list(arguments.values()), [ca.densify(Phi)], list(arguments), ["Phi"])

@@ -51,8 +51,8 @@ def target_names() -> tuple[str, ...]:
 
 def code_target(name: str) -> CodeTarget:
     """The target of that name; KeyError for none."""
-    found = _TARGETS[name]
-    target = resolve_name(found)() if isinstance(found, str) else found
+    registered = _TARGETS[name]
+    target = resolve_name(registered)() if isinstance(registered, str) else registered
     assert isinstance(target, CodeTarget)
     return target
 

@@ -107,13 +107,13 @@ def assignments_of(
 
 def identifiers(names: Iterable[str], prefix: str) -> list[str]:
     """A distinct identifier, valid in every target, for each name: the prefix, then letters, digits, underscores."""
-    found: list[str] = []
+    distinct: list[str] = []
     for name in names:
         plain = prefix + "".join(c if c.isascii() and c.isalnum() else "_" for c in name)
-        while plain in found:
+        while plain in distinct:
             plain += "_"
-        found.append(plain)
-    return found
+        distinct.append(plain)
+    return distinct
 
 
 def comment_text(text: str) -> str:
@@ -208,9 +208,9 @@ def signal_documentation(fitted: FittedModel) -> list[str]:
     """The model, its signals and signs."""
     model = fitted.model
     title = "planar" if model.space is Space.PLANE else "six-axis"
-    what = ", ".join(f"{e.id} ({e.title})" for e in model.effects) or "none"
-    found = [
-        f"Fitted model of the tool on a {title} wrist force/torque sensor. Effects beyond the rigid tool: {what}.",
+    effects = ", ".join(f"{e.id} ({e.title})" for e in model.effects) or "none"
+    notes = [
+        f"Fitted model of the tool on a {title} wrist force/torque sensor. Effects beyond the rigid tool: {effects}.",
         PLANAR_SIGNALS if model.space is Space.PLANE else SPATIAL_SIGNALS,
         *_base_documentation(fitted),
         *([JOINT_SIGNALS] if "q1" in fitted.inputs else []),
@@ -219,8 +219,8 @@ def signal_documentation(fitted: FittedModel) -> list[str]:
         _contact(fitted),
     ]
     if fitted.dropped:
-        found.append(f"Not included, since specific to the recording of the fit: {', '.join(fitted.dropped)}.")
-    return found
+        notes.append(f"Not included, since specific to the recording of the fit: {', '.join(fitted.dropped)}.")
+    return notes
 
 
 def _base_documentation(fitted: FittedModel) -> list[str]:
@@ -266,29 +266,29 @@ def _contact(fitted: FittedModel) -> str:
 
 def dynamics_documentation(fitted: FittedModel) -> list[str]:
     """The model's dynamics; nothing for a model without memory."""
-    found = []
+    notes = []
     if fitted.dt is not None and has_memory(fitted.model):
-        found.append(
+        notes.append(
             f"The model has memory. The code is for {1 / fitted.dt:.9g} samples per second without gaps; its initial"
             " state is the steady state under the first sample."
         )
     if fitted.model.chain.deflection is not None:
-        found.append(
+        notes.append(
             "The tool is mounted on a rotational spring and damper. Its deflection is solved at every sample by a fixed"
             " number of steps of Newton's method; its forcing is linear between samples (first-order hold). It starts"
             " from the static equilibrium of the first sample."
         )
     for where, fixed in (("model", True), ("discretisation", False)):
-        own = [p for p in fitted.fixed_parameters if p.fixed is fixed]
-        if own:
-            values = ", ".join(f"{p.name} = {fitted.values[p.name]!r} {p.unit}" for p in own)
-            found.append(f"Fixed in the {where}: {values}.")
+        parameters = [p for p in fitted.fixed_parameters if p.fixed is fixed]
+        if parameters:
+            values = ", ".join(f"{p.name} = {fitted.values[p.name]!r} {p.unit}" for p in parameters)
+            notes.append(f"Fixed in the {where}: {values}.")
     if fitted.program.latency:
-        found.append(
+        notes.append(
             f"Readings lead the motion, or lag it by less than one sample: outputs belong to the sample of"
             f" {fitted.program.latency} samples ago."
         )
-    return found + [note for stage in fitted.model.chain.dynamics for note in stage.notes()]
+    return notes + [note for stage in fitted.model.chain.dynamics for note in stage.notes()]
 
 
 def derivative_documentation(fitted: FittedModel, layout: str) -> str:

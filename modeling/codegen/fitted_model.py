@@ -83,7 +83,7 @@ class FittedModel:
         equation = list(gain * sp.Matrix(wrench) - residual)
         about = "contact gain * contact = residual: linear, one step of Newton's method solves it"
         solve = sample.solved(
-            "contact", zero, equation, lambda found: tuple(zip(wrench, found, strict=True)), steps=1, about=about
+            "contact", zero, equation, lambda unknowns: tuple(zip(wrench, unknowns, strict=True)), steps=1, about=about
         )
         return sample.finished(solve)
 
@@ -148,8 +148,8 @@ def has_memory(model: WrenchModel) -> bool:
 def sample_inputs(model: WrenchModel) -> tuple[str, ...]:
     """The signals that the prediction of one sample needs, sorted by name; time only if an effect depends on it."""
     stages = (vector for stage in model.chain.dynamics for vector in stage.vectors().values())
-    parts = (model.load, model.chain.equilibrium(), *stages)
-    return tuple(sorted({name for part in parts for name in model.inputs_of(part)}))
+    vectors = (model.load, model.chain.equilibrium(), *stages)
+    return tuple(sorted({name for vector in vectors for name in model.inputs_of(vector)}))
 
 
 def sample_program(model: WrenchModel, theta: Array, dt: float | None) -> SampleProgram:

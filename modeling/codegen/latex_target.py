@@ -70,12 +70,12 @@ def latex_name(symbol: str) -> str:
         return NAMED_SYMBOLS[symbol]
     if symbol in ("dphi", "ddphi"):
         return DOTS[symbol[:-3]].format(r"\varphi")
-    if found := JOINT_PATTERN.match(symbol):
-        return f"{DOTS[found[1]].format('q')}_{{{found[2]}}}"
-    if found := COMPONENT_PATTERN.match(symbol):
-        return f"{LETTERS[found[1]]}_{{{found[2]}}}"
-    if found := INTERMEDIATE.match(symbol):
-        return f"t_{{{found[2]}}}"
+    if matched := JOINT_PATTERN.match(symbol):
+        return f"{DOTS[matched[1]].format('q')}_{{{matched[2]}}}"
+    if matched := COMPONENT_PATTERN.match(symbol):
+        return f"{LETTERS[matched[1]]}_{{{matched[2]}}}"
+    if matched := INTERMEDIATE.match(symbol):
+        return f"t_{{{matched[2]}}}"
     if symbol.startswith("rho_"):
         return rf"\rho_{{{symbol.removeprefix('rho_')}}}"
     if symbol.startswith("bias_"):
@@ -178,8 +178,8 @@ def stage_equations(fitted: FittedModel) -> Iterator[tuple[str, LatexEquations]]
     yield "Wrench of the sensor on the tool (Newton and Euler)", newton_euler_equations(chain)
     if chain.force != sp.zeros(3, 1) or chain.torque != sp.zeros(3, 1):
         pairs = zip(WRENCH_SYMBOLS, (*chain.force, *chain.torque), strict=True)
-        found = [(rf"{{{part}}}^{{\mathrm{{e}}}}", latex_expression(e)) for part, e in pairs if e != 0]
-        yield "Environment's forces and torques on the tool", found
+        equations = [(rf"{{{symbol}}}^{{\mathrm{{e}}}}", latex_expression(e)) for symbol, e in pairs if e != 0]
+        yield "Environment's forces and torques on the tool", equations
     if chain.deflection is not None:
         yield "Equation of motion of the deflection", [("0", latex_expression(e)) for e in chain.equilibrium()]
     yield from sensor_equations(chain)
@@ -238,8 +238,8 @@ def parameter_table(fitted: FittedModel) -> str:
 
 def planar_equations(base: RigidToolRegressor) -> str:
     """The functions M1 .. M4 (22.9), and the regressor composed of them (22.8); title in rigid_tool_regressor."""
-    found = regressor_functions(base.model)
-    named = {getattr(found, field.name): f"M_{field.name[1:]}" for field in fields(found)}
+    functions = regressor_functions(base.model)
+    named = {getattr(functions, field.name): f"M_{field.name[1:]}" for field in fields(functions)}
     pairs = [(symbol, latex_expression(expression)) for expression, symbol in named.items()]
     rows = [
         [named.get(entry, latex_expression(entry)) for entry in base.matrix.row(i)] for i in range(base.matrix.rows)

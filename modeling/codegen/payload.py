@@ -12,6 +12,8 @@ from modeling.codegen.payload_format import MOMENTS, PayloadFormat, remarks, whe
 from modeling.codegen.tool_inertia import ToolInertia
 from modeling.rig import STANDARD_GRAVITY
 
+Array = NDArray[np.float64]
+
 # The tool as robot controllers take it: Universal Robots, Franka, parameters of a ROS 2 node.
 
 
@@ -105,8 +107,6 @@ def _decimal(value: float) -> str:
 
 # The tool as a link of a robot description: URDF, SDF, MJCF.
 
-
-Array = NDArray[np.float64]
 
 TRIANGLE = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
 """Names of the elements of an inertia in URDF and SDF."""

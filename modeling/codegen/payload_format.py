@@ -44,34 +44,34 @@ class PayloadFormat(ABC):
 
 def payload_format(name: str) -> PayloadFormat:
     """The format of that name; KeyError for none."""
-    found = resolve_name(FORMATS[name])()
-    assert isinstance(found, PayloadFormat)
-    return found
+    chosen = resolve_name(FORMATS[name])()
+    assert isinstance(chosen, PayloadFormat)
+    return chosen
 
 
 def remarks(tool: ToolInertia, source: str) -> list[str]:
     """What a reader of the file must know: origin, values with their std, frame, what the sensor does not weigh."""
     mass = estimate_text(tool.mass, tool.mass_std, "kg")
     centre = _listed(zip("xyz", tool.centre_of_mass, tool.centre_std, strict=True))
-    found = [
+    sentences = [
         f"tool identified by {source}; value ± standard deviation, rounded here:",
         f"mass {mass}",
         f"centre of mass (m) {centre}",
     ]
     if tool.inertia is not None:
         moments = [(name, tool.inertia[at], tool.inertia_std[at]) for name, at in MOMENTS.items()]
-        found.append(f"inertia about the centre of mass, along the frame's axes (kg m²) {_listed(moments)}")
-    found += [
+        sentences.append(f"inertia about the centre of mass, along the frame's axes (kg m²) {_listed(moments)}")
+    sentences += [
         f"frame: {tool.frame}",
         *([tool.left_out] if tool.left_out else []),
         "the part of the sensor between the flange and its strain gauges is not included: the sensor does not weigh it",
     ]
-    return [" ".join(remark.split()) for remark in found]  # each is one line of a comment, whatever is in it
+    return [" ".join(remark.split()) for remark in sentences]  # each is one line of a comment, whatever is in it
 
 
-def _listed(found: Iterable[tuple[str, float, float]]) -> str:
+def _listed(estimates: Iterable[tuple[str, float, float]]) -> str:
     """Names, values and stds."""
-    return ", ".join(f"{name} {estimate_text(float(value), float(std), '1')}" for name, value, std in found)
+    return ", ".join(f"{name} {estimate_text(float(value), float(std), '1')}" for name, value, std in estimates)
 
 
 def where_it_goes(tool: ToolInertia, element: str, host: str) -> str:

@@ -65,17 +65,17 @@ class CodeText:
         """Names of everything in the programs of a fitted model."""
         parameters = [p.symbol for p in fitted.parameters]
         given = zip(signals(*fitted.inputs), identifiers(fitted.inputs, "u_"), strict=True)
-        known = zip(parameters, identifiers([s.name for s in parameters], "p_"), strict=True)
+        parameter_names = zip(parameters, identifiers([s.name for s in parameters], "p_"), strict=True)
         places = [
             *((*pair, style.signal.format(i)) for i, pair in enumerate(given)),
-            *((*pair, style.parameter.format(i)) for i, pair in enumerate(known)),
+            *((*pair, style.parameter.format(i)) for i, pair in enumerate(parameter_names)),
             *((s, f"residual_{i}", f"measured[{i}] - predicted[{i}]") for i, s in enumerate(fitted.residual)),
         ]
         lines = fitted.program.delay_lines
         statements = (*fitted.program.statements, *lines, *fitted.contact.statements)
-        own = list(dict.fromkeys(symbol for statement in statements for symbol in statement.symbols))
+        computed = list(dict.fromkeys(symbol for statement in statements for symbol in statement.symbols))
         names = {symbol: name for symbol, name, _ in places}
-        names |= dict(zip(own, identifiers([s.name.removeprefix("sample:") for s in own], "x_"), strict=True))
+        names |= dict(zip(computed, identifiers([s.name.removeprefix("sample:") for s in computed], "x_"), strict=True))
         names |= {symbol: style.kept.format(i) for i, symbol in enumerate(fitted.program.states)}
         return cls(style, names, tuple(places))
 
@@ -158,9 +158,6 @@ def _environment() -> Environment:
     )
 
 
-# C target: a C99 file with the regressor of the rigid tool, or with a fitted model.
-
-
 class CTarget(TemplateTarget):
     """C99 without allocation. Functions that math.h lacks are written out."""
 
@@ -183,9 +180,6 @@ class CTarget(TemplateTarget):
     def input_names(base: RigidToolRegressor) -> dict[sp.Symbol, str]:
         """A constant for each component."""
         return dict(zip(signals(*base.inputs), identifiers(base.inputs, "u_"), strict=True))
-
-
-# NumPy target: a module, dependent on NumPy alone, with the rigid tool's regressor or a fitted model.
 
 
 NUMPY_FUNCTIONS = {

@@ -14,13 +14,13 @@ from modeling.chain.pseudo_inertia import pseudo_inertia
 from modeling.errors import InputError
 from modeling.space import Space
 
-# Effects of a model that a tool's mass, centre of mass and inertia cannot express.
-
+Array = NDArray[np.float64]
 
 TILT = "gravity_tilt"
+"""Id of the effect that a controller can take otherwise: as gravity's direction, or as the pose of the base."""
 
 
-def left_out(model: WrenchModel, theta: NDArray[np.float64]) -> str:
+def left_out(model: WrenchModel, theta: Array) -> str:
     """A line that names the effects that are not in the tool's inertia, at parameters theta (k,); empty without any.
 
     Of a tilted base it says what to state instead: gravity along the axes of the recorded motion, m/s².
@@ -32,7 +32,7 @@ def left_out(model: WrenchModel, theta: NDArray[np.float64]) -> str:
     return f"{line}; {_tilt_advice(model, theta)}" if TILT in ids else line
 
 
-def _tilt_advice(model: WrenchModel, theta: NDArray[np.float64]) -> str:
+def _tilt_advice(model: WrenchModel, theta: Array) -> str:
     """Where the tilt of the base is stated. UR's `set_gravity` takes the opposite of gravity: [0, 0, 9.82] if level."""
     how = "state the tilt in the pose of the robot's base in the URDF, or as gravity in the controller"
     if model.gravity_direction is not None:  # the axes of the motion are not those of the base
@@ -43,8 +43,6 @@ def _tilt_advice(model: WrenchModel, theta: NDArray[np.float64]) -> str:
     vector = ", ".join(f"{float(v):.4g}" for v in numbers)
     return f"{how} (set_gravity of UR takes the negative): it is [{vector}] m/s² along the base's axes"
 
-
-Array = NDArray[np.float64]
 
 WHERE = "tool"
 ROUNDING = 1e-9
@@ -103,8 +101,8 @@ class ToolInertia:
         if model.space is Space.PLANE:
             what = "a planar model has one moment of inertia and no centre of mass across its plane"
             raise InputError(what=what, where=WHERE, remedy="identify the tool with a six-axis sensor")
-        known = dict(zip((p.name for p in model.parameters), np.isfinite(np.diag(covariance)), strict=True))
-        _require_identifiable([n for n in ("m", "mx", "my", "mz") if not known[n]])
+        identifiable = dict(zip((p.name for p in model.parameters), np.isfinite(np.diag(covariance)), strict=True))
+        _require_identifiable([n for n in ("m", "mx", "my", "mz") if not identifiable[n]])
         place = [p.name for p in model.parameters].index("m")
         pseudo = pseudo_inertia(model.base).over([p.name for p in model.parameters])
         matrix = pseudo.at(theta)
@@ -114,7 +112,11 @@ class ToolInertia:
                 what=f"the mass is {mass:.4g} kg", where=WHERE, remedy="see what the model lacks: diagnose"
             )
         second = matrix[:3, :3] - np.outer(first, first) / mass
-        central = None if any(not known[n] for n in known if n[0] == "I" and len(n) == 3) else _consistent(second)
+        central = (
+            None
+            if any(not identifiable[n] for n in identifiable if n[0] == "I" and len(n) == 3)
+            else _consistent(second)
+        )
         centre_modes, inertia_modes = _modes(matrix, np.tensordot(_one_std_changes(covariance), pseudo.slopes, axes=1))
         return cls(
             mass=mass,
@@ -184,8 +186,8 @@ def _consistent(second: Array) -> Array:
 
 def _one_std_changes(covariance: Array) -> Array:
     """Uncorrelated changes (k, k) of k parameters, by one std each; zero of what is not identifiable."""
-    known = np.isfinite(np.diag(covariance))
-    variances, directions = np.linalg.eigh(np.where(np.outer(known, known), covariance, 0.0))
+    identifiable = np.isfinite(np.diag(covariance))
+    variances, directions = np.linalg.eigh(np.where(np.outer(identifiable, identifiable), covariance, 0.0))
     return np.asarray((directions * np.sqrt(np.maximum(variances, 0.0))).T)
 
 

@@ -25,8 +25,6 @@ from pathlib import Path
 from time import time
 from typing import Any, TypeVar
 
-# Checksum of stored data: a first line that shows whether the rest is what was written.
-
 
 def sha256_of(content: bytes) -> str:
     """SHA-256 in hexadecimal."""
@@ -58,7 +56,7 @@ def canonical_data(thing: object) -> Any:
         case float():
             return float(thing)
         case tuple() | list():
-            return [canonical_data(part) for part in thing]
+            return [canonical_data(element) for element in thing]
         case Mapping():
             return {"mapping": sorted([canonical_data(key), canonical_data(value)] for key, value in thing.items())}
     kind = type(thing)
@@ -78,6 +76,7 @@ PlainData = Mapping[str, Any]
 CACHE_VARIABLE = "TRUEWRENCH_CACHE"
 """The environment variable that names the folder; empty or "off" for none. The platform's cache folder by default."""
 CACHE_FORMAT = 2
+"""Part of an entry's name: entries of another format are not read."""
 CACHE_BYTES = 200_000_000
 """Size limit of all entries together; beyond it the least recently used are removed."""
 TRIMMED_SHARE = 0.8
@@ -85,24 +84,25 @@ TRIMMED_SHARE = 0.8
 TRIM_INTERVAL = 64
 """The size is checked after one in so many writes."""
 LIBRARIES = ("sympy", "casadi", "pydantic")
+"""Libraries whose version is part of an entry's name."""
 
 
-def cached(what: PlainData, derive: Callable[[], PlainData], read: Callable[[PlainData], T]) -> T:
-    """`read` of the data that `derive` returns, or that the cache holds for the same `what`.
+def cached(key: PlainData, derive: Callable[[], PlainData], read: Callable[[PlainData], T]) -> T:
+    """`read` of the data that `derive` returns, or that the cache holds under the same `key`.
 
-    `what` is plain data with everything that the result depends on besides source and libraries. `read` raises
+    `key` is plain data with everything that the result depends on besides source and libraries. `read` raises
     ValueError, KeyError or TypeError for unexpected data, which are then derived again.
     """
     folder = _folder()
     if folder is None:
         return read(json.loads(json.dumps(derive())))
-    name = sha256_of(json.dumps([CACHE_FORMAT, *_origins(), what], sort_keys=True).encode())
+    name = sha256_of(json.dumps([CACHE_FORMAT, *_origins(), key], sort_keys=True).encode())
     path = folder / name[:2] / f"{name[2:]}.json"
     with suppress(OSError, ValueError, KeyError, TypeError, RecursionError):
-        found = read(json.loads(path.read_bytes()))
+        stored = read(json.loads(path.read_bytes()))
         with suppress(OSError):
             os.utime(path)  # time of last use, for trimming
-        return found
+        return stored
     text = json.dumps(derive())
     if source_digest(PACKAGE) == LOADED_SOURCE:
         with suppress(OSError):  # a folder that cannot be written is no error

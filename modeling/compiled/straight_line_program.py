@@ -10,15 +10,10 @@ from typing import Self, TypeAlias
 
 from modeling import symbolic as sp
 
-# The Laplace variable of transfer functions; it needs no NumPy, like all that only describes an effect.
-
 
 def laplace() -> sp.Symbol:
-    """s, in 1/s."""
+    """The Laplace variable s of transfer functions, in 1/s."""
     return sp.Symbol("s")
-
-
-# Number of arithmetic operations to evaluate an expression.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,20 +43,20 @@ class OperationCount:
         return f"{self.total} ({parts})"
 
 
-def count_operations(expression: sp.Expr, known: Mapping[sp.Symbol, OperationCount] | None = None) -> OperationCount:
-    """Operations to evaluate an expression as generated code does; a symbol counts as in `known`, else zero.
+def count_operations(expression: sp.Expr, counts: Mapping[sp.Symbol, OperationCount] | None = None) -> OperationCount:
+    """Operations to evaluate an expression as generated code does; a symbol counts as in `counts`, else zero.
 
     A sign counts zero, a quotient one whatever its factors; a power takes the products of exponentiation by squaring.
     """
-    known = {} if known is None else known
+    counts = {} if counts is None else counts
     if expression.is_Symbol:
-        return known.get(expression, OperationCount())
+        return counts.get(expression, OperationCount())
     if expression.is_number or isinstance(expression, sp.DiracDelta):
         return OperationCount()
     if expression.is_Mul and expression.as_coeff_Mul()[0].is_negative:
-        return count_operations(-expression, known)
-    own, parts = _own_operations(expression)
-    return OperationCount.sum([own, *(count_operations(part, known) for part in parts)])
+        return count_operations(-expression, counts)
+    operations, operands = _own_operations(expression)
+    return OperationCount.sum([operations, *(count_operations(operand, counts) for operand in operands)])
 
 
 def _own_operations(expression: sp.Expr) -> tuple[OperationCount, Sequence[sp.Expr]]:
@@ -90,9 +85,6 @@ def _own_operations(expression: sp.Expr) -> tuple[OperationCount, Sequence[sp.Ex
 def _is_inverse(factor: sp.Expr) -> bool:
     """Whether it is a power with a negative exponent."""
     return bool(factor.is_Pow and factor.exp.is_Rational and factor.exp.is_negative)
-
-
-# Derivations as a sequence of named intermediate variables, differentiated in time by the chain rule.
 
 
 Definitions: TypeAlias = "tuple[tuple[sp.Symbol, sp.Expr], ...]"
@@ -157,11 +149,11 @@ class IntermediateVariables:
 
 def symbols_of(definitions: Definitions, expressions: sp.Matrix) -> set[sp.Symbol]:
     """The symbols of the expressions, and of the definitions that they depend on."""
-    found = set(expressions.free_symbols)
+    symbols = set(expressions.free_symbols)
     for symbol, expression in reversed(definitions):
-        if symbol in found:
-            found |= expression.free_symbols
-    return found
+        if symbol in symbols:
+            symbols |= expression.free_symbols
+    return symbols
 
 
 def required_definitions(definitions: Definitions, expressions: sp.Matrix) -> Definitions:
@@ -200,13 +192,13 @@ class StraightLineProgram:
     @cached_property
     def shared(self) -> StraightLineProgram:
         """The same program with common subexpressions as steps, and without dead steps."""
-        defined, own = [symbol for symbol, _ in self.steps], [expression for _, expression in self.steps]
+        defined, expressions = [symbol for symbol, _ in self.steps], [expression for _, expression in self.steps]
         reserved = set(defined)  # cse avoids the symbols within the expressions, not those of the steps
         names = (symbol for symbol in sp.numbered_symbols("shared_", real=True) if symbol not in reserved)
-        common, reduced = sp.cse([*own, *self.results], symbols=names, order="canonical")
-        found = dict(common) | dict(zip(defined, reduced, strict=False))
-        trivial = _trivial(found)
-        steps = {symbol: e.xreplace(trivial) for symbol, e in found.items() if symbol not in trivial}
+        common, reduced = sp.cse([*expressions, *self.results], symbols=names, order="canonical")
+        definitions = dict(common) | dict(zip(defined, reduced, strict=False))
+        trivial = _trivial(definitions)
+        steps = {symbol: e.xreplace(trivial) for symbol, e in definitions.items() if symbol not in trivial}
         return _straightened(steps, [e.xreplace(trivial) for e in reduced[len(defined) :]])
 
     @cached_property
@@ -217,10 +209,10 @@ class StraightLineProgram:
     @cached_property
     def operations_unshared(self) -> OperationCount:
         """Operations when each result is evaluated by itself, steps repeated wherever they occur."""
-        known: dict[sp.Symbol, OperationCount] = {}
+        counts: dict[sp.Symbol, OperationCount] = {}
         for symbol, expression in self.steps:
-            known[symbol] = count_operations(expression, known)
-        return OperationCount.sum([count_operations(result, known) for result in self.results])
+            counts[symbol] = count_operations(expression, counts)
+        return OperationCount.sum([count_operations(result, counts) for result in self.results])
 
 
 def _trivial(steps: dict[sp.Symbol, sp.Expr]) -> dict[sp.Symbol, sp.Expr]:
@@ -310,16 +302,18 @@ def forward_derivative(program: StraightLineProgram, symbols: Sequence[sp.Symbol
         [(s, PartialDerivatives(e)) for s, e in program.steps],
         [PartialDerivatives(e) for e in program.results],
     )
-    found, columns = list(program.steps), []
+    derivative_steps, columns = list(program.steps), []
     for number, symbol in enumerate(symbols):
-        known: dict[sp.Symbol, sp.Expr] = {symbol: sp.S.One}
+        derivatives: dict[sp.Symbol, sp.Expr] = {symbol: sp.S.One}
         for step, partials in steps:
-            rate = partials.along(known)
+            rate = partials.along(derivatives)
             if rate != 0:
-                known[step] = sp.Symbol(f"rate_{number}_{step.name}", real=True)
-                found.append((known[step], rate))
-        columns.append([partials.along(known) for partials in results])
-    return StraightLineProgram.of([column[i] for i in range(len(results)) for column in columns], tuple(found))
+                derivatives[step] = sp.Symbol(f"rate_{number}_{step.name}", real=True)
+                derivative_steps.append((derivatives[step], rate))
+        columns.append([partials.along(derivatives) for partials in results])
+    return StraightLineProgram.of(
+        [column[i] for i in range(len(results)) for column in columns], tuple(derivative_steps)
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -332,12 +326,12 @@ class PartialDerivatives:
     def _by(self) -> dict[sp.Symbol, sp.Expr | None]:
         return dict.fromkeys(sorted(self.expression.free_symbols, key=lambda s: str(s.name)))
 
-    def along(self, known: Mapping[sp.Symbol, sp.Expr]) -> sp.Expr:
-        """The directional derivative, with the derivatives `known` of its symbols and zero for the others."""
+    def along(self, derivatives: Mapping[sp.Symbol, sp.Expr]) -> sp.Expr:
+        """The directional derivative, with the `derivatives` of its symbols and zero for the others."""
         total = sp.S.Zero
         for symbol in self._by:
-            if symbol in known:
-                total += self._partial(symbol) * known[symbol]
+            if symbol in derivatives:
+                total += self._partial(symbol) * derivatives[symbol]
         return total
 
     def _partial(self, symbol: sp.Symbol) -> sp.Expr:

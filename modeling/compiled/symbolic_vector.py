@@ -14,9 +14,6 @@ from modeling import symbolic as sp
 from modeling.compiled.straight_line_program import Definitions, StraightLineProgram, required_definitions, symbols_of
 from modeling.errors import InputError
 
-# SymPy expressions compiled to NumPy functions and CasADi graphs, common subexpressions shared.
-
-
 FUNCTIONS = ("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh", "exp", "log", "sign")
 """Elementary functions whose name is the same in SymPy and CasADi, and in C but for `sign`."""
 
@@ -55,23 +52,23 @@ def casadi_results(program: StraightLineProgram, values: Mapping[sp.Symbol, Any]
 
     Raises InputError for a function without counterpart in CasADi.
     """
-    known = dict(values)
+    graphs = dict(values)
     for symbol, expression in program.steps:
-        known[symbol] = _casadi_expression(known, expression)
-    return [_casadi_expression(known, result) for result in program.results]
+        graphs[symbol] = _casadi_expression(graphs, expression)
+    return [_casadi_expression(graphs, result) for result in program.results]
 
 
-def _casadi_expression(known: Mapping[sp.Symbol, Any], expression: sp.Expr) -> Any:
+def _casadi_expression(graphs: Mapping[sp.Symbol, Any], expression: sp.Expr) -> Any:
     """One expression as a CasADi graph, node by node."""
     if isinstance(expression, sp.Symbol):
-        return known[expression]
+        return graphs[expression]
     if expression.is_number:
         return ca.DM(float(expression))
     operation = _casadi_operations().get(expression.func)
     if operation is None:
         what = f"the function {expression.func} has no counterpart in generated code"
         raise InputError(what=what, where="model", remedy="leave the effect out")
-    return operation(*(_casadi_expression(known, argument) for argument in expression.args))
+    return operation(*(_casadi_expression(graphs, argument) for argument in expression.args))
 
 
 @lru_cache(maxsize=1)
@@ -100,11 +97,11 @@ class SymbolicVector:
 
     def graph(self, u: Any, theta: Any) -> Any:
         """As a dense CasADi vector over CasADi vectors u (m,) and theta (k,)."""
-        known: dict[sp.Symbol, Any] = {sp.Symbol(n, real=True): u[i] for i, n in enumerate(self.inputs)}
-        known |= {symbol: theta[i] for i, symbol in enumerate(self.parameters)}
+        graphs: dict[sp.Symbol, Any] = {sp.Symbol(n, real=True): u[i] for i, n in enumerate(self.inputs)}
+        graphs |= {symbol: theta[i] for i, symbol in enumerate(self.parameters)}
         replacements, reduced = common_subexpressions(list(self.expression))
         steps = (*required_definitions(self.definitions, self.expression), *replacements)
-        results = casadi_results(StraightLineProgram(steps, tuple(reduced)), known)
+        results = casadi_results(StraightLineProgram(steps, tuple(reduced)), graphs)
         return ca.densify(ca.vertcat(ca.SX(0, 1), *results))
 
     @property

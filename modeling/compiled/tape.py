@@ -96,7 +96,7 @@ class Tape:
             "inputs": self.inputs,
             "parameters": self.parameters,
             "constants": list(self.constants),
-            "operations": [list(part) for part in zip(*self.operations, strict=True)] or [[], [], []],
+            "operations": [list(column) for column in zip(*self.operations, strict=True)] or [[], [], []],
             "results": list(self.results),
         }
 

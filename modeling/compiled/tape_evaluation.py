@@ -16,8 +16,6 @@ from numpy.typing import NDArray
 
 from modeling.compiled.tape import NO_OPERAND, Operation, Tape
 
-# Sine and cosine of the same angle from one tangent, of half the angle.
-
 
 def with_half_angles(tape: Tape, angles: Collection[int]) -> Tape:
     """The tape with t = tan(x/2), sin x = 2t / (1 + t²), cos x = (1 - t²) / (1 + t²) for x among `angles`.
@@ -32,13 +30,13 @@ def with_half_angles(tape: Tape, angles: Collection[int]) -> Tape:
     if not both:
         return tape
     half, one, first = tape.first, tape.first + 1, tape.first + 2
-    found: list[Operation] = []
+    changed: list[Operation] = []
     number = list(range(tape.first))
     parts: dict[int, tuple[int, int, int]] = {}
 
     def value(name: str, a: int, b: int = NO_OPERAND) -> int:
-        found.append((name, a, b))
-        return first + len(found) - 1
+        changed.append((name, a, b))
+        return first + len(changed) - 1
 
     for name, a, b in operations:
         if name in ("sin", "cos") and a in both:
@@ -52,7 +50,7 @@ def with_half_angles(tape: Tape, angles: Collection[int]) -> Tape:
         else:
             number.append(value(name, number[a], b if b == NO_OPERAND else number[b]))
     constants = (*tape.constants, 0.5, 1.0)
-    return Tape(tape.inputs, tape.parameters, constants, tuple(found), tuple(number[r] for r in tape.results))
+    return Tape(tape.inputs, tape.parameters, constants, tuple(changed), tuple(number[r] for r in tape.results))
 
 
 Array = NDArray[np.float64]
@@ -60,8 +58,10 @@ RealOrComplex = NDArray[np.float64] | NDArray[np.complex128]
 
 BLOCK_NUMBERS = 2**17
 """Numbers in a block's values at most: 1 MB, a core's own cache."""
-SHORTEST_BLOCK, LONGEST_BLOCK = 1024, 8192
-"""Samples in a block: with fewer the overhead of NumPy's calls dominates, more gain nothing."""
+SHORTEST_BLOCK = 1024
+"""Samples in a block at least: with fewer the overhead of NumPy's calls dominates."""
+LONGEST_BLOCK = 8192
+"""Samples in a block at most: more gain nothing."""
 
 
 def _sq(x: Array, out: Array) -> Array:
@@ -152,9 +152,9 @@ class TapeEvaluation:
 
     def values(self, inputs: Sequence[Array], theta: Array | None = None) -> Array:
         """The results (results, samples) at inputs (samples,) each and one set of parameters theta (k,), if any."""
-        found = np.zeros((len(self.tape.results), len(inputs[0])))
-        self.run(inputs, np.zeros((1, 0)) if theta is None else theta[None], list(found[:, :, None]))
-        return found
+        results = np.zeros((len(self.tape.results), len(inputs[0])))
+        self.run(inputs, np.zeros((1, 0)) if theta is None else theta[None], list(results[:, :, None]))
+        return results
 
     def _fixed(self, schedule: Schedule, parameters: list[Array], sets: int) -> list[Any]:
         """Parameters (g,), constants (), then values (g,) of operations on these alone."""
@@ -288,23 +288,23 @@ class Schedule:
         copies: dict[int, list[int]] = {}
         for slot, output in enumerate(outputs, start=len(common) + inputs):
             copies.setdefault(tape.results[output], []).append(slot)
-        parts: dict[int | None, list[Numbered]] = {None: [], CONSTANT: [], PER_GROUP: [], PER_SET: []}
+        by_level: dict[int | None, list[Numbered]] = {None: [], CONSTANT: [], PER_GROUP: [], PER_SET: []}
         for number, operation in enumerate(tape.operations, start=tape.first):
-            parts[level[number] if sampled[number] else None].append((number, operation))
-        fixed = tuple((NUMPY_OPERATIONS[name], slots[a], slots[b], slots[n]) for n, (name, a, b) in parts[None])
+            by_level[level[number] if sampled[number] else None].append((number, operation))
+        fixed = tuple((NUMPY_OPERATIONS[name], slots[a], slots[b], slots[n]) for n, (name, a, b) in by_level[None])
         rows = _RowAllocation(tape, slots, first=len(common) + inputs + len(outputs))
-        used_later = {o for part in (PER_GROUP, PER_SET) for _, (_, *operands) in parts[part] for o in operands}
+        used_later = {o for when in (PER_GROUP, PER_SET) for _, (_, *operands) in by_level[when] for o in operands}
         used_later |= set(copies)
-        of_signals = [rows.step(number, operation, live=used_later) for number, operation in parts[CONSTANT]]
-        used_later = {o for _, (_, *operands) in parts[PER_SET] for o in operands} | set(copies)
-        used_later |= {number for number, _ in parts[CONSTANT]}
-        of_several = [rows.step(number, operation, live=used_later) for number, operation in parts[PER_GROUP]]
-        reused = {number for part in (CONSTANT, PER_GROUP) for number, _ in parts[part]}
+        of_signals = [rows.step(number, operation, live=used_later) for number, operation in by_level[CONSTANT]]
+        used_later = {o for _, (_, *operands) in by_level[PER_SET] for o in operands} | set(copies)
+        used_later |= {number for number, _ in by_level[CONSTANT]}
+        of_several = [rows.step(number, operation, live=used_later) for number, operation in by_level[PER_GROUP]]
+        reused = {number for when in (CONSTANT, PER_GROUP) for number, _ in by_level[when]}
         early = [number for number in copies if number < tape.first or level[number] != PER_SET]
         of_each: list[Instruction] = [
             (np.positive, slots[number], NO_OPERAND, slot) for number in early for slot in copies[number]
         ]
-        for number, operation in parts[PER_SET]:
+        for number, operation in by_level[PER_SET]:
             places = copies.get(number, [])
             into = places[0] if places and rows.last[number] == NO_OPERAND else None  # not read by another operation
             of_each.append(rows.step(number, operation, live=reused, into=into))
@@ -367,8 +367,8 @@ def partially_evaluated(tape: Tape, fixed: Mapping[int, float]) -> Tape:
     A product with zero is zero, even of what is not finite. Operations come depth first from the results, without dead
     code: equal derivations give equal tapes.
     """
-    known = {tape.inputs + parameter: value for parameter, value in fixed.items()}
-    values: list[TapeOperand] = [float(known[n]) if n in known else n for n in range(tape.inputs + tape.parameters)]
+    numbers = {tape.inputs + parameter: value for parameter, value in fixed.items()}
+    values: list[TapeOperand] = [float(numbers[n]) if n in numbers else n for n in range(tape.inputs + tape.parameters)]
     values += list(tape.constants)
     remaining = _RemainingOperations(values)
     for name, a, b in tape.operations:
@@ -399,10 +399,10 @@ class _RemainingOperations:
 
 def _folded(name: str, *operands: float) -> float:
     """The value of an operation on constants."""
-    found = np.empty(())
+    result = np.empty(())
     with np.errstate(all="ignore"):
-        NUMPY_OPERATIONS[name](*map(np.array, operands), found)
-    return float(found)
+        NUMPY_OPERATIONS[name](*map(np.array, operands), result)
+    return float(result)
 
 
 def _simplified(name: str, a: TapeOperand, b: TapeOperand) -> TapeOperand | None:

@@ -224,9 +224,6 @@ def _evaluation(function: VectorFunction, which: tuple[int, ...], valued: bool, 
     return TapeEvaluation(compiled.tape.only(wanted), varying)
 
 
-# Sensitivities of load or bias to selected parameters over a grid of the others.
-
-
 @dataclass(frozen=True, eq=False)
 class Sensitivity:
     """Derivative (p, a) of a vector function in a parameters, at their nominal values.
@@ -277,11 +274,11 @@ class Sensitivity:
         for name in self.parameters:
             theta[:, self.function.names.index(name)] = parameters[name]
         p, active = self.function.rows, self.function.active
-        found = np.zeros((samples, p, count, len(self.which)), order="F")
+        sensitivities = np.zeros((samples, p, count, len(self.which)), order="F")
         active_columns = [column for column, i in enumerate(self.which) if i in active]
-        outputs = [found[:, row, :, column] for column in active_columns for row in range(p)]
+        outputs = [sensitivities[:, row, :, column] for column in active_columns for row in range(p)]
         self._evaluation.run(self.function.columns(signals, samples), theta, outputs)
-        return found
+        return sensitivities
 
     @cached_property
     def _evaluation(self) -> TapeEvaluation:

@@ -3,11 +3,11 @@
 The equation of motion F(signals, b, b', b''; theta) = 0 of each sample (`deflection.py`) is nearly a
 linear oscillator with constant coefficients, as the tool's inertia in tool axes is constant. The unknown is the
 oscillator's input g: with (b, b', b'') = R g its response, F(R g) = 0. As F' R is close to the identity, the iteration
-g <- g - F(R g) is accelerated by Anderson mixing (`modeling.dynamics.deflection_solver`), without derivatives.
+g <- g - F(R g) is accelerated by Anderson mixing (J. ACM 12, 1965), without derivatives.
 Where it converges slowly, near a resonance, Newton's method continues from its last iterate: each step, F' R dg = -F,
 is solved by GMRES (Saad and Schultz 1986). The derivative in a parameter satisfies F' (R dg + dR g) = -dF/dtheta: one
 factorisation solves it for all parameters, of the matrix F' R of a short period or of the banded equations of a
-transient (`transient_equations`), or else GMRES.
+transient (`TransientEquations`), or else GMRES.
 """
 
 from __future__ import annotations
@@ -22,9 +22,6 @@ from modeling.dynamics.equation_of_motion import DEFLECTION_TOLERANCE, EquationO
 from modeling.dynamics.motion_record import TimeBase
 from modeling.dynamics.oscillator import Oscillator, OscillatorCoefficients, TransientEquations, interpolated
 from modeling.errors import InputError
-
-# Anderson acceleration of a fixed-point iteration (J. ACM 12, 1965).
-
 
 Array = NDArray[np.float64]
 
@@ -98,11 +95,13 @@ COARSE_TOLERANCE = 1e-5
 MAXIMUM_NEWTON_STEPS = 30
 """Maximum number of Newton steps: three to five after Anderson mixing, six for static deflections of 0.5 rad."""
 
-TIGHTEST_FORCING_TERM, LOOSEST_FORCING_TERM = 1e-3, 0.1
-"""Bounds of the relative residual (forcing term) to which a Newton step is solved; between them, the current residual.
+TIGHTEST_FORCING_TERM = 1e-3
+"""Least relative residual (forcing term) to which a Newton step is solved; above it, the current residual.
 
 Eisenstat and Walker (SIAM J. Scientific Computing 17, 1996): no step is solved more accurately than its linearisation.
 """
+LOOSEST_FORCING_TERM = 0.1
+"""Largest forcing term: so far from the solution, too, a step gains one decimal."""
 
 DERIVATIVE_TOLERANCE = 1e-10
 """Relative residual of the linear equations of the parameter derivatives."""
@@ -255,11 +254,11 @@ class _OscillatingTool:
         if self.oscillator.clock.periodic:
             return np.zeros((len(theta), *deflection.shape))
         changes = np.moveaxis(equations.mean_change(signals[:: self.thinned], theta), 2, 0)
-        found = np.zeros((len(theta), *deflection.shape))
-        for own, change in zip(found, changes, strict=True):
+        derivatives = np.zeros((len(theta), *deflection.shape))
+        for derivative, change in zip(derivatives, changes, strict=True):
             if change.any():
-                own += self.oscillator.change(deflection, _coefficients(change))
-        return found
+                derivative += self.oscillator.change(deflection, _coefficients(change))
+        return derivatives
 
     def solution(self, by_deflection: Array, right: Array, tolerance: float) -> Array:
         from scipy.sparse.linalg import LinearOperator, gmres
@@ -281,16 +280,16 @@ class _OscillatingTool:
         return self.oscillator.response(drive.reshape(right.shape))
 
     def derivatives(self, by_deflection: Array, rights: Array) -> Array:
-        found = np.zeros((len(rights), by_deflection.shape[2], rights.shape[2]))
+        derivatives = np.zeros((len(rights), by_deflection.shape[2], rights.shape[2]))
         moved = np.flatnonzero(rights.any(axis=(1, 2)))
         drives = self._direct_drives(by_deflection, rights[moved]) if len(moved) else None
         for number, place in enumerate(moved):
             right = rights[place]
             if drives is not None:
-                found[place] = self.oscillator.response(drives[number])
-            if drives is None or not _is_solution(by_deflection, found[place], right):
-                found[place] = self.solution(by_deflection, right, DERIVATIVE_TOLERANCE)
-        return found
+                derivatives[place] = self.oscillator.response(drives[number])
+            if drives is None or not _is_solution(by_deflection, derivatives[place], right):
+                derivatives[place] = self.solution(by_deflection, right, DERIVATIVE_TOLERANCE)
+        return derivatives
 
     def _direct_drives(self, by_deflection: Array, rights: Array) -> Array | None:
         """Drives (k, d, n) for right sides (k, d, n) by one factorisation; None where it is too large or singular."""

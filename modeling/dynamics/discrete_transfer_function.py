@@ -87,7 +87,9 @@ def filtered(discrete: DiscreteTransferFunction, sample: SampleProgramBuilder, r
         return output
     ages = range(discrete.first, discrete.held)
     taps = zip(*sample.delayed("outputs", output, ages), strict=True)
-    weighted = [sum(sp.Float(w) * y for w, y in zip(discrete.weights.tolist(), own, strict=True)) for own in taps]
+    weighted = [
+        sum(sp.Float(w) * y for w, y in zip(discrete.weights.tolist(), earlier, strict=True)) for earlier in taps
+    ]
     return sample.assigned("delayed", weighted, about="delay: weighted sum of earlier outputs of the low-pass")
 
 
@@ -100,8 +102,8 @@ def _low_pass(discrete: DiscreteTransferFunction, sample: SampleProgramBuilder, 
     steady = [sp.Float(x) * r for r in reading for x in discrete.rest.tolist()]
     state = sample.state("low_pass", steady)
     x = [sp.Matrix(state[order * i : order * (i + 1)]) for i in range(channels)]
-    output = [(c * own)[0] + d[0] * r for own, r in zip(x, reading, strict=True)]
-    sample.keep(state, [e for own, r in zip(x, reading, strict=True) for e in a * own + b.T * r])
+    output = [(c * channel_state)[0] + d[0] * r for channel_state, r in zip(x, reading, strict=True)]
+    sample.keep(state, [e for channel_state, r in zip(x, reading, strict=True) for e in a * channel_state + b.T * r])
     return sample.assigned("filtered", output, about="low-pass: x' = A x + B load, out = C x + D load")
 
 

@@ -144,12 +144,12 @@ class EquationOfMotion:
             return self._mean_change_by_graph(signals, theta)
         n, sets = len(signals), np.tile(theta.astype(complex), (len(self._parameters), 1))
         sets[range(len(self._parameters)), self._parameters] += COMPLEX_STEP * 1j
-        found = np.zeros((len(self._deflection_components), self.size, n, len(sets)), dtype=complex)
+        changes = np.zeros((len(self._deflection_components), self.size, n, len(sets)), dtype=complex)
         changing = [*np.ascontiguousarray(signals.T, dtype=complex), *np.zeros((3 * self.size, n), dtype=complex)]
-        self._complex_derivative.run(changing, sets, list(found.reshape(-1, n, len(sets))))
+        self._complex_derivative.run(changing, sets, list(changes.reshape(-1, n, len(sets))))
         mean = np.zeros((self.size, 3 * self.size, self.parameters))
         places = np.ix_(range(self.size), [i - self.parameters for i in self._deflection_components], self._parameters)
-        mean[places] = found.imag.mean(axis=2).transpose(1, 0, 2) / COMPLEX_STEP
+        mean[places] = changes.imag.mean(axis=2).transpose(1, 0, 2) / COMPLEX_STEP
         return mean
 
     def _mean_change_by_graph(self, signals: Array, theta: Array) -> Array:

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 
 from modeling.compiled.vector_function import VectorFunction
 
-# Sampling interval and periodicity of a record.
-
 
 @dataclass(frozen=True)
 class TimeBase:
@@ -114,21 +112,23 @@ class MotionRecord:
         if self.summed:
             return [ResponsePart(*vector.tangent(self.signals, theta, samples), periodic=periodic)]
         if periodic:
-            own = tuple(sorted({*vector.active, *self.transfer_parameters}))
-            return [ResponsePart(*vector.tangent_in(self.signals, theta, own, samples), periodic=True, columns=own)]
+            columns = tuple(sorted({*vector.active, *self.transfer_parameters}))
+            return [
+                ResponsePart(*vector.tangent_in(self.signals, theta, columns, samples), periodic=True, columns=columns)
+            ]
         return self._split(vector)
 
     def _split(self, vector: VectorFunction) -> list[ResponsePart]:
         changing = set(vector.depending_on(frozenset(vector.inputs) & self.nonperiodic))
-        own = tuple(sorted({i for i in vector.active if i in changing} | set(self.transfer_parameters)))
+        columns = tuple(sorted({i for i in vector.active if i in changing} | set(self.transfer_parameters)))
         repeating = tuple(i for i in vector.active if i not in changing)
-        value, derivative = vector.tangent_in(self.signals, self.theta, own, self.samples(periodic=False))
+        value, derivative = vector.tangent_in(self.signals, self.theta, columns, self.samples(periodic=False))
         once = self.samples_per_repeat
         _, repeated = vector.tangent_in(self.signals, self.theta, repeating, once, valued=False)
         whole = np.zeros((once, vector.rows, vector.count), order="F")
         whole[:, :, list(repeating)] = repeated
         return [
-            ResponsePart(value, derivative, periodic=False, columns=own),
+            ResponsePart(value, derivative, periodic=False, columns=columns),
             ResponsePart(np.zeros((once, vector.rows)), whole, periodic=True),
         ]
 

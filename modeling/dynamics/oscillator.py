@@ -14,10 +14,9 @@ from scipy.linalg.lapack import dgbsv, dpttrf, dpttrs, dtbtrs
 from modeling.dynamics.motion_record import TimeBase
 from modeling.errors import InputError
 
-# Cubic spline through equidistant values: SciPy's `CubicSpline`, whose import takes a sixth of a `diagnose`.
-
-
 Array = NDArray[np.float64]
+
+# Cubic spline through equidistant values: SciPy's `CubicSpline`, whose import takes a sixth of a `diagnose`.
 
 
 def interpolated(values: Array, factor: int, count: int) -> Array:
@@ -25,10 +24,12 @@ def interpolated(values: Array, factor: int, count: int) -> Array:
     slopes = SplineSlopes.of(values.shape[1]).of_values(values)
     places = np.arange(count) / factor
     before = np.minimum(places.astype(int), values.shape[1] - 2)
-    part, rise = places - before, np.diff(values)[:, before]
+    fraction, rise = places - before, np.diff(values)[:, before]
     start, end = slopes[:, before], slopes[:, before + 1]
     quadratic = 3 * rise - 2 * start - end
-    return np.asarray(values[:, before] + part * (start + part * (quadratic + part * (start + end - 2 * rise))))
+    return np.asarray(
+        values[:, before] + fraction * (start + fraction * (quadratic + fraction * (start + end - 2 * rise)))
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,10 +58,10 @@ class SplineSlopes:
         right = 3 * (y[:, 2:] - y[:, :-2])
         right[:, 0] -= first
         right[:, -1] -= last
-        found = np.empty_like(y)
-        found[:, 1:-1] = dpttrs(*self.factors, right.T, overwrite_b=True)[0].T
-        found[:, 0], found[:, -1] = first - 2 * found[:, 1], last - 2 * found[:, -2]
-        return found
+        slopes = np.empty_like(y)
+        slopes[:, 1:-1] = dpttrs(*self.factors, right.T, overwrite_b=True)[0].T
+        slopes[:, 0], slopes[:, -1] = first - 2 * slopes[:, 1], last - 2 * slopes[:, -2]
+        return slopes
 
 
 @lru_cache(maxsize=8)
@@ -98,9 +99,9 @@ class TransientResponse:
         (Van Loan, IEEE Trans. Automatic Control 23, 1978) gives both, without cancellation. The recursion loses
         precision, about eps / (omega dt)², for slow modes sampled fast.
         """
-        found = np.empty((3, *drive.shape))
-        self._recurrence(drive[:, 0], self._gains_of_modes @ _ends(drive), found[:2])
-        return self._accelerated(found, drive)
+        motion = np.empty((3, *drive.shape))
+        self._recurrence(drive[:, 0], self._gains_of_modes @ _ends(drive), motion[:2])
+        return self._accelerated(motion, drive)
 
     def change(self, drive: Array, motion: Array, *, d_drive: Array, d_inertia: Array, d_lag: float) -> Array:
         """Directional derivative of that motion for changes of the input (d, n), the inertia (d, d) and the lag.
@@ -114,9 +115,9 @@ class TransientResponse:
         forcing = (step @ states + gains @ _stacked(_ends(drive)) + self.gains @ _stacked(_ends(d_drive))).reshape(
             2, d, -1
         )
-        found = np.empty(motion.shape)
-        self._recurrence(d_drive[:, 0], forcing.swapaxes(0, 1), found[:2])
-        return self._accelerated(found, d_drive - d_lag * motion[1] - d_inertia @ motion[2])
+        change = np.empty(motion.shape)
+        self._recurrence(d_drive[:, 0], forcing.swapaxes(0, 1), change[:2])
+        return self._accelerated(change, d_drive - d_lag * motion[1] - d_inertia @ motion[2])
 
     def _accelerated(self, motion: Array, drive: Array) -> Array:
         """The motion (3, d, n) with the accelerations of the equation of motion, in place."""
@@ -134,12 +135,12 @@ class TransientResponse:
         """
         d = len(self.inertias)
         frequency = np.diag(1 / np.sqrt(self.inertias)) * self.dt
-        found = np.zeros((6 * d, 6 * d))
-        found[:d, d : 2 * d] = found[d : 2 * d, 2 * d : 3 * d] = frequency
-        found[d : 2 * d, :d] = -frequency
-        found[d : 2 * d, d : 2 * d] = -self.lag * frequency**2 / self.dt
-        found[2 * d : 5 * d, 3 * d :] = np.eye(3 * d)
-        return found
+        generator = np.zeros((6 * d, 6 * d))
+        generator[:d, d : 2 * d] = generator[d : 2 * d, 2 * d : 3 * d] = frequency
+        generator[d : 2 * d, :d] = -frequency
+        generator[d : 2 * d, d : 2 * d] = -self.lag * frequency**2 / self.dt
+        generator[2 * d : 5 * d, 3 * d :] = np.eye(3 * d)
+        return generator
 
     @cached_property
     def _scale(self) -> Array:
@@ -172,8 +173,8 @@ class TransientResponse:
     def _gains_of_modes(self) -> Array:
         """Gains of each decoupled mode, (d, 2, 4)."""
         d = len(self.inertias)
-        own = np.arange(d)
-        return np.ascontiguousarray(self.gains.reshape(2, d, 4, d)[:, own, :, own])
+        modes = np.arange(d)
+        return np.ascontiguousarray(self.gains.reshape(2, d, 4, d)[:, modes, :, modes])
 
     def _flow_change(self, d_inertia: Array, d_lag: float) -> tuple[Array, Array]:
         """Directional derivative of step and gains; the system matrix changes in the rows of the rates."""
@@ -186,29 +187,28 @@ class TransientResponse:
         change *= self._scale / self._scale[:, None]
         return self._step_and_gains(np.asarray(expm_frechet(self._generator, change, compute_expm=False), dtype=float))
 
-    def _recurrence(self, start: Array, forcing: Array, found: Array) -> None:
-        """Angles and rates (2, d, n) of x_{i+1} = step x_i + forcing_i (d, 2, n - 1), x_0 = (start (d,), 0), into
-        `found`.
+    def _recurrence(self, start: Array, forcing: Array, out: Array) -> None:
+        """Angles and rates (2, d, n) of x_{i+1} = step x_i + forcing_i (d, 2, n - 1), x_0 = (start (d,), 0), in `out`.
 
         As step² = trace step - determinant (Cayley-Hamilton), x_{i+1} - trace x_i + determinant x_{i-1} =
         forcing_i - adjugate forcing_{i-1}: a banded triangular system with three diagonals for each mode.
         """
         d, n = len(self.inertias), forcing.shape[2] + 1
-        own = np.zeros((d, 2, n))
-        own[:, 0, 0], own[:, :, 1:] = start, forcing
+        forced = np.zeros((d, 2, n))
+        forced[:, 0, 0], forced[:, :, 1:] = start, forcing
         adjugates, determinants = self._characteristics
-        own[:, :, 1:] -= adjugates @ own[:, :, :-1]
+        forced[:, :, 1:] -= adjugates @ forced[:, :, :-1]
         diagonals = np.ones((n, 3)).T
         for mode in range(d):
             diagonals[1], diagonals[2] = -np.trace(adjugates[mode]), determinants[mode]
-            found[:, mode] = dtbtrs(diagonals, own[mode].T, uplo="L", diag="U", overwrite_b=True)[0].T
+            out[:, mode] = dtbtrs(diagonals, forced[mode].T, uplo="L", diag="U", overwrite_b=True)[0].T
 
     @cached_property
     def _characteristics(self) -> tuple[Array, Array]:
         """Adjugate (d, 2, 2), of the same trace, and determinant (d,) of each mode's step."""
         d = len(self.inertias)
-        own = np.arange(d)
-        steps = self.step.reshape(2, d, 2, d)[:, own, :, own]
+        modes = np.arange(d)
+        steps = self.step.reshape(2, d, 2, d)[:, modes, :, modes]
         traces = np.trace(steps, axis1=1, axis2=2)
         return traces[:, None, None] * np.eye(2) - steps, np.linalg.det(steps)
 
@@ -249,8 +249,8 @@ class TransientEquations:
         """With K, C and M (n, d, d) of n >= 4 samples. Raises LinAlgError where an M is singular."""
         weight = mass / response.inertias
         by_right = np.asarray(np.linalg.inv(weight), dtype=np.float64)
-        own = np.concatenate([weight - stiffness, response.lag * weight - damping], axis=2)
-        return cls(response, by_right @ own, by_right)
+        weight_of_state = np.concatenate([weight - stiffness, response.lag * weight - damping], axis=2)
+        return cls(response, by_right @ weight_of_state, by_right)
 
     @staticmethod
     def stored_numbers(count: int, modes: int) -> int:
@@ -259,25 +259,25 @@ class TransientEquations:
 
     def inputs(self, rights: Array) -> Array:
         """The inputs y (k, d, n) for right sides (k, d, n). Raises LinAlgError where there is none."""
-        known = np.asarray(np.einsum("nij,kjn->kni", self.by_right, rights))
+        of_rights = np.asarray(np.einsum("nij,kjn->kni", self.by_right, rights))
         matrix, bands = self._matrix()
-        sides = self._known_part(known).reshape(len(rights), -1)
+        sides = self._right_sides(of_rights).reshape(len(rights), -1)
         _, _, solved, failed = dgbsv(bands, bands, matrix, sides.T, overwrite_ab=True, overwrite_b=True)
         if failed:
             raise np.linalg.LinAlgError("singular equations of a transient")
         states = solved.T.reshape(len(rights), len(self.by_state), -1)[:, :, : self.by_state.shape[2]]
-        return np.asarray(np.moveaxis(np.einsum("nij,knj->kni", self.by_state, states) + known, 2, 1))
+        return np.asarray(np.moveaxis(np.einsum("nij,knj->kni", self.by_state, states) + of_rights, 2, 1))
 
-    def _known_part(self, known: Array) -> Array:
-        """Right sides (k, n, 3 d) of states and slopes, from the known part (k, n, d) of the inputs."""
-        d = known.shape[2]
+    def _right_sides(self, inputs: Array) -> Array:
+        """Right sides (k, n, 3 d) of states and slopes, from those inputs (k, n, d) that no state contributes to."""
+        d = inputs.shape[2]
         before, after = self.response.gains[:, :d], self.response.gains[:, d : 2 * d]
-        sides = np.empty((*known.shape[:2], 3 * d))
-        sides[:, 0, :d], sides[:, 0, d : 2 * d] = known[:, 0], 0.0
-        sides[:, 1:, : 2 * d] = known[:, :-1] @ before.T + known[:, 1:] @ after.T
-        sides[:, 1:-1, 2 * d :] = 3 * (known[:, 2:] - known[:, :-2])
-        sides[:, 0, 2 * d :] = 12 * (known[:, 1] - known[:, 0])
-        sides[:, -1, 2 * d :] = 12 * (known[:, -1] - known[:, -2])
+        sides = np.empty((*inputs.shape[:2], 3 * d))
+        sides[:, 0, :d], sides[:, 0, d : 2 * d] = inputs[:, 0], 0.0
+        sides[:, 1:, : 2 * d] = inputs[:, :-1] @ before.T + inputs[:, 1:] @ after.T
+        sides[:, 1:-1, 2 * d :] = 3 * (inputs[:, 2:] - inputs[:, :-2])
+        sides[:, 0, 2 * d :] = 12 * (inputs[:, 1] - inputs[:, 0])
+        sides[:, -1, 2 * d :] = 12 * (inputs[:, -1] - inputs[:, -2])
         return sides
 
     def _matrix(self) -> tuple[Array, int]:
@@ -344,15 +344,15 @@ class _Blocks:
         """Rows of the band storage for blocks of this size, which are coupled with the next but one."""
         return 3 * 2 * size + 1
 
-    def add(self, samples: slice, offset: int, corner: tuple[int, int], part: Array) -> None:
-        """Add a part ((m,) rows, columns) of the blocks in the columns of `samples`, so many rows of blocks below.
+    def add(self, samples: slice, offset: int, corner: tuple[int, int], entries: Array) -> None:
+        """Add entries ((m,) rows, columns) of the blocks in the columns of `samples`, so many rows of blocks below.
 
-        `corner` is its first row and column in the block; other entries of its rows' range are left.
+        `corner` is their first row and column in the block; other entries of their rows' range are left.
         """
         row, column = corner
-        for number in range(part.shape[-1]):
+        for number in range(entries.shape[-1]):
             first = 2 * self.width + offset * self.size + row - column - number
-            self.bands[samples, column + number, first : first + part.shape[-2]] += part[..., number]
+            self.bands[samples, column + number, first : first + entries.shape[-2]] += entries[..., number]
 
 
 SHORTEST_TIME_CONSTANT = 1e-3
@@ -406,7 +406,7 @@ class Oscillator:
 
         By one banded factorisation, to rounding. Raises LinAlgError where there is none.
         """
-        by_modes = [part @ self.modes for part in np.split(by_response, 3, axis=2)]
+        by_modes = [block @ self.modes for block in np.split(by_response, 3, axis=2)]
         modal = TransientEquations.of(self._transient, *by_modes)
         return np.asarray(np.linalg.solve(self.modes.T, modal.inputs(rights)))
 

@@ -12,9 +12,6 @@ from numpy.typing import NDArray
 from modeling.dynamics.motion_record import MotionRecord
 from modeling.errors import InputError
 
-# Turning points of a sampled series, interpolated between samples where it is smooth.
-
-
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
@@ -63,12 +60,12 @@ class TurningPoints:
         if smooth and samples.shape[1] >= 3:
             offset, weights = _interpolated(around, centre, crest, _after_constant_section(series, number, at))
         place, height, clock = at + offset, np.sum(weights * around, axis=1), np.arange(series.shape[1])
-        found = []
-        for end, (_, own) in zip(ends.tolist(), turns, strict=True):
-            part = slice(end - len(own), end)
-            branch = np.searchsorted(place[part], clock, side="left")
-            found.append(cls(place[part], crest[part], height[part], samples[part], weights[part], branch))
-        return tuple(found)
+        turning_points = []
+        for end, (_, at_of_series) in zip(ends.tolist(), turns, strict=True):
+            rows = slice(end - len(at_of_series), end)
+            branch = np.searchsorted(place[rows], clock, side="left")
+            turning_points.append(cls(place[rows], crest[rows], height[rows], samples[rows], weights[rows], branch))
+        return tuple(turning_points)
 
 
 def _turns(series: Array, periodic: bool) -> tuple[Array, Indices]:
@@ -131,10 +128,10 @@ def _to_powers(size: int) -> Array:
 
 def _monomials(place: Array, count: int) -> Array:
     """Powers 0 to count - 1 of places (K,), (K, count)."""
-    found = np.ones((count, len(place))).T
+    powers = np.ones((count, len(place))).T
     for power in range(1, count):
-        np.multiply(found[:, power - 1], place, out=found[:, power])
-    return found
+        np.multiply(powers[:, power - 1], place, out=powers[:, power])
+    return powers
 
 
 def _ratio(numerator: Array, denominator: Array) -> Array:
@@ -231,11 +228,11 @@ class PlayedRecord:
         """dP/dx dx + dP/dw dw (n, p, k), for the derivative dx of the load."""
         if not derivative.shape[2]:
             return derivative
-        found = self.through(derivative)
+        total = self.through(derivative)
         by_width, widths = np.concatenate([run.by_width for run in self.runs]), self.record.constant("play")[1]
-        own = np.flatnonzero(widths.any(axis=0))  # the few parameters that the widths depend on
-        found[:, :, own] += by_width[:, :, None] * widths[:, own]
-        return found
+        columns = np.flatnonzero(widths.any(axis=0))  # the few parameters that the widths depend on
+        total[:, :, columns] += by_width[:, :, None] * widths[:, columns]
+        return total
 
 
 @lru_cache(maxsize=1)
@@ -245,8 +242,8 @@ def _turning_points(
     """Turning points of each run and channel of a load (runs, p, n); kept for the last: many widths are tried on it."""
     runs, channels, samples = shape
     series = np.frombuffer(load).reshape(runs * channels, samples)
-    found = TurningPoints.of_each(series, periodic=periodic, smooth=smooth)
-    return tuple(found[run * channels : (run + 1) * channels] for run in range(runs))
+    turning_points = TurningPoints.of_each(series, periodic=periodic, smooth=smooth)
+    return tuple(turning_points[run * channels : (run + 1) * channels] for run in range(runs))
 
 
 @dataclass(frozen=True, eq=False)
@@ -320,11 +317,11 @@ class _PlayStates:
 
 def _pushing(crest: Array, height: Array, each: Array, width: float, reading: float) -> NDArray[np.bool_]:
     """Whether the load pushes at each of K turning points, (K,), where the reading is then `each` (K,)."""
-    found = np.zeros(len(crest), dtype=bool)
+    pushing = np.zeros(len(crest), dtype=bool)
     for number, (up, top, pushed) in enumerate(zip(crest.tolist(), height.tolist(), each.tolist(), strict=True)):
         if up * (top - reading) >= width:
-            found[number], reading = True, pushed
-    return found
+            pushing[number], reading = True, pushed
+    return pushing
 
 
 def _directions(load: Array, turns: TurningPoints) -> Array:

@@ -132,14 +132,14 @@ class SampleProgram:
     @property
     def delay_lines(self) -> list[DelayLine]:
         """The delay lines, that of the readings last."""
-        own = [s for s in self.statements if isinstance(s, DelayLine)]
-        return own if self.alignment is None else [*own, self.alignment]
+        lines = [s for s in self.statements if isinstance(s, DelayLine)]
+        return lines if self.alignment is None else [*lines, self.alignment]
 
     @cached_property
     def free_symbols(self) -> set[sp.Symbol]:
         """The signals and parameters that a sample takes."""
-        known = {*self.states, *(symbol for s in self.statements for symbol in s.symbols)}
-        return {symbol for s in self.statements for symbol in s.reads} - known
+        computed = {*self.states, *(symbol for s in self.statements for symbol in s.symbols)}
+        return {symbol for s in self.statements for symbol in s.reads} - computed
 
     @property
     def unused(self) -> list[sp.Symbol]:
@@ -149,12 +149,12 @@ class SampleProgram:
 
     def operations(self, *, shared: bool) -> OperationCount:
         """Operations of one sample, with common subexpressions shared or without."""
-        found = OperationCount()
+        total = OperationCount()
         for s in self.statements:
             if isinstance(s, Assignments | NewtonSolution):
                 count = s.program.shared.operations if shared else s.program.operations_unshared
-                found = OperationCount.sum([found, *[count] * (s.steps if isinstance(s, NewtonSolution) else 1)])
-        return found
+                total = OperationCount.sum([total, *[count] * (s.steps if isinstance(s, NewtonSolution) else 1)])
+        return total
 
 
 class SampleProgramBuilder:

@@ -17,9 +17,6 @@ from modeling.compiled.symbolic_vector import numpy_function
 from modeling.dynamics.motion_record import MotionRecord
 from modeling.errors import InputError
 
-# Response of a transfer function to a whole record, by Fourier transform.
-
-
 Array = NDArray[np.float64]
 
 FILTER_BATCH = 50_000
@@ -48,14 +45,14 @@ def _filtered_run(record: MotionRecord, series: Array, slope: int | None) -> Arr
     gain, slopes = record.transfer(omega, record.theta)
     factor = gain if slope is None else slopes[slope]
     columns, ends = series.T.reshape(-1, len(series)), _Ends.of(before, after)
-    found = np.zeros(columns.shape)
+    filtered = np.zeros(columns.shape)
     moving = np.flatnonzero(columns.any(axis=1))  # what is zero stays zero: most of a load's derivatives
     for first in range(0, len(moving), at_once := max(1, FILTER_BATCH // length)):
-        part = moving[first : first + at_once]
-        lines = scipy.fft.rfft(ends.added_to(columns[part]))
+        batch = moving[first : first + at_once]
+        lines = scipy.fft.rfft(ends.added_to(columns[batch]))
         lines *= factor
-        found[part] = scipy.fft.irfft(lines, n=length, overwrite_x=True)[:, before : length - after]
-    return found.reshape(series.T.shape).T
+        filtered[batch] = scipy.fft.irfft(lines, n=length, overwrite_x=True)[:, before : length - after]
+    return filtered.reshape(series.T.shape).T
 
 
 def _extension(samples: int) -> tuple[int, int]:
@@ -88,14 +85,14 @@ class _Ends:
         if not before:
             return series
         whole = np.empty((len(series), before + samples + after))
-        first, own, last = np.split(whole, [before, before + samples], axis=1)
+        first, inside, last = np.split(whole, [before, before + samples], axis=1)
         middle = (series[:, :1] + series[:, -1:]) / 2
-        own[:] = series
+        inside[:] = series
         np.subtract(2 * series[:, :1] - middle, series[:, before:0:-1], out=first)
         np.subtract(2 * series[:, -1:] - middle, series[:, -2 : -after - 2 : -1], out=last)
-        for part, weights in ((first, self.rise), (last, self.fall)):
-            part *= weights
-            part += middle
+        for extension, weights in ((first, self.rise), (last, self.fall)):
+            extension *= weights
+            extension += middle
         return whole
 
 
@@ -149,7 +146,9 @@ class SymbolicTransferFunction:
         numerator, denominator = sp.fraction(sp.together(ratio))
         if not (numerator.is_polynomial(laplace()) and denominator.is_polynomial(laplace())):
             raise _not_realisable(transfer)
-        numerator, denominator = (tuple(sp.Poly(part, laplace()).all_coeffs()) for part in (numerator, denominator))
+        numerator, denominator = (
+            tuple(sp.Poly(polynomial, laplace()).all_coeffs()) for polynomial in (numerator, denominator)
+        )
         if len(numerator) > len(denominator):
             raise _not_realisable(transfer)
         return cls(delay, numerator, denominator)
@@ -157,7 +156,9 @@ class SymbolicTransferFunction:
     @property
     def expression(self) -> sp.Expr:
         """The transfer function as one expression."""
-        numerator, denominator = (sp.Poly(part, laplace()).as_expr() for part in (self.numerator, self.denominator))
+        numerator, denominator = (
+            sp.Poly(coefficients, laplace()).as_expr() for coefficients in (self.numerator, self.denominator)
+        )
         return sp.exp(-laplace() * self.delay) * numerator / denominator
 
     def at(self, values: Mapping[sp.Symbol, float]) -> TransferFunction:

@@ -21,10 +21,10 @@ from modeling.parameter import Parameter
 from modeling.rigid_body import contact_components, contact_force_torque
 from modeling.space import Space
 
+Array = NDArray[np.float64]
+
 # Checks that a custom effect is finite, vanishes at nominal values and is identifiable to first order.
 
-
-Array = NDArray[np.float64]
 
 RANDOM_POINTS = 1024
 """Random points at which an effect is evaluated: enough for one that acts in a hundredth of the space."""
@@ -109,25 +109,25 @@ def _vector_function(definition: EffectDefinition, space: Space, names: tuple[st
     """The formulas as a function of the parameters `names`; other parameters are inputs, like signals."""
     size = len(space.channels)
     chain = rigid_chain(space, gravity=0.0, sign=(1,) * size, bias=sp.zeros(size, 1), mounting=sp.eye(3))
-    known = {p.name: sp.Symbol(p.name, real=True) for p in definition.parameters}
-    added, _ = parsed_formulas(definition).values(chain, known)
-    expressions, symbols = sp.Matrix(list(added.values())), tuple(known[name] for name in names)
+    parameters = {p.name: sp.Symbol(p.name, real=True) for p in definition.parameters}
+    added, _ = parsed_formulas(definition).values(chain, parameters)
+    expressions, symbols = sp.Matrix(list(added.values())), tuple(parameters[name] for name in names)
     inputs = tuple(sorted(s.name for s in expressions.free_symbols - set(symbols)))
     return VectorFunction.of(expressions, inputs, symbols)
 
 
 def _random_signals(definition: EffectDefinition, inputs: tuple[str, ...]) -> dict[str, Array]:
     rng, searched = np.random.default_rng(0), dict(definition.search)
-    found = {}
+    values = {}
     for name in inputs:
         size = 10.0 ** rng.uniform(-SIGNAL_DECADES, SIGNAL_DECADES, RANDOM_POINTS)
-        found[name] = size * rng.choice([-1.0, 1.0], RANDOM_POINTS)
+        values[name] = size * rng.choice([-1.0, 1.0], RANDOM_POINTS)
         if name in searched:
-            found[name] = rng.choice(np.array(searched[name]), RANDOM_POINTS)
-    if "time" in found:
-        found["time"] = np.abs(found["time"])
+            values[name] = rng.choice(np.array(searched[name]), RANDOM_POINTS)
+    if "time" in values:
+        values["time"] = np.abs(values["time"])
     quaternion = rng.normal(size=(4, RANDOM_POINTS))
-    return found | dict(zip(("qx", "qy", "qz", "qw"), quaternion / np.linalg.norm(quaternion, axis=0), strict=True))
+    return values | dict(zip(("qx", "qy", "qz", "qw"), quaternion / np.linalg.norm(quaternion, axis=0), strict=True))
 
 
 def _from_definition(name: str) -> Any:

@@ -182,12 +182,12 @@ class EffectDefinition:
     per_recording: bool
 
     @property
-    def known(self) -> dict[str, str]:
+    def unit_by_name(self) -> dict[str, str]:
         """Unit by name, steps excluded: parameters, inputs, constants, signals, the point on the tip."""
-        found = self.fixed | dict(self.inputs)
+        units = self.fixed | dict(self.inputs)
         for space in Space:
-            found |= {**tip_units(space), **signal_units(space)}
-        return found
+            units |= {**tip_units(space), **signal_units(space)}
+        return units
 
     @property
     def fixed(self) -> dict[str, str]:
@@ -274,25 +274,25 @@ class ParsedFormulas:
     @cached_property
     def spaces(self) -> tuple[Space, ...]:
         """The spaces that have all names and targets of the formulas."""
-        definition, found = self.definition, []
+        definition, suitable = self.definition, []
         given = {*definition.fixed, *dict(definition.inputs)}
         for space in Space:
-            known = {*given, *signal_units(space), *tip_units(space)}
-            if self.names <= known and set(self.formulas) <= set(target_units(definition.stage, space)):
-                found.append(space)
-        return tuple(found)
+            names = {*given, *signal_units(space), *tip_units(space)}
+            if self.names <= names and set(self.formulas) <= set(target_units(definition.stage, space)):
+                suitable.append(space)
+        return tuple(suitable)
 
     def values(self, chain: Chain, p: Mapping[str, sp.Expr]) -> tuple[dict[str, sp.Expr], sp.Expr]:
         """Expressions by target, and the distance along the tip (m), with expressions `p` of the parameters."""
         definition = self.definition
-        known: dict[str, sp.Expr] = {name: sp.Float(quantity.value) for name, quantity in definition.constants}
-        known |= {name: signals(name)[0] for name in self.names - set(known)} | dict(p)
-        at = sp.S.Zero if self.at is None else to_sympy(self.at[0], known, self.at[1])
+        expressions: dict[str, sp.Expr] = {name: sp.Float(quantity.value) for name, quantity in definition.constants}
+        expressions |= {name: signals(name)[0] for name in self.names - set(expressions)} | dict(p)
+        at = sp.S.Zero if self.at is None else to_sympy(self.at[0], expressions, self.at[1])
         if definition.stage is Stage.TIP_BODY:
-            known |= tip_values(chain, at)
+            expressions |= tip_values(chain, at)
         for name, (tree, source) in self.steps.items():
-            known[name] = to_sympy(tree, known, source)
-        return {target: to_sympy(tree, known, source) for target, (tree, source) in self.formulas.items()}, at
+            expressions[name] = to_sympy(tree, expressions, source)
+        return {target: to_sympy(tree, expressions, source) for target, (tree, source) in self.formulas.items()}, at
 
 
 @lru_cache(maxsize=256)
@@ -306,8 +306,8 @@ class _DefinitionReader:
 
     def __init__(self, definition: EffectDefinition, where: str) -> None:
         self.definition, self.where = definition, where
-        self.own = frozenset(unit for _, unit in definition.inputs)
-        self.units = {name: dimension(unit, own=self.own) for name, unit in definition.known.items()}
+        self.own_units = frozenset(unit for _, unit in definition.inputs)
+        self.units = {name: dimension(unit, own_units=self.own_units) for name, unit in definition.unit_by_name.items()}
         self.sizes: dict[str, int] = {}
 
     def read(self) -> ParsedFormulas:
@@ -359,8 +359,8 @@ def require_known_signals(formulas: ParsedFormulas, where: str) -> None:
     fields = [*formulas.formulas, *sorted(formulas.names - {*definition.fixed, *dict(definition.inputs)})]
     sides = []
     for space, sensor in ((Space.PLANE, "planar"), (Space.SPACE, "six-axis")):
-        known = {*target_units(definition.stage, space), *signal_units(space), *tip_units(space)}
-        missing = next(name for name in fields if name not in known)
+        names = {*target_units(definition.stage, space), *signal_units(space), *tip_units(space)}
+        missing = next(name for name in fields if name not in names)
         sides.append(f"a {sensor} sensor has no {missing}")
     raise InputError(what=" and ".join(sides), where=where, remedy="use the names of one sensor")
 
@@ -481,23 +481,23 @@ def _require_names(table: EffectTable, where: str) -> None:
 
 def _require_units(definition: EffectDefinition, where: str) -> None:
     """Units are valid; inputs may introduce units of their own, which parameters and constants may use."""
-    own = [unit for _, unit in definition.inputs]
+    own_units = [unit for _, unit in definition.inputs]
     for name, unit in definition.inputs:
-        dimension(unit, own=own, where=f"{where}: inputs.{name}")
+        dimension(unit, own_units=own_units, where=f"{where}: inputs.{name}")
     for parameter in definition.parameters:
-        dimension(parameter.unit, own=own, where=f"{where}: parameters.{parameter.name}")
+        dimension(parameter.unit, own_units=own_units, where=f"{where}: parameters.{parameter.name}")
     for name, quantity in definition.constants:
-        dimension(quantity.unit, own=own, where=f"{where}: constants.{name}")
+        dimension(quantity.unit, own_units=own_units, where=f"{where}: constants.{name}")
 
 
 def _require_targets(definition: EffectDefinition, where: str) -> None:
-    known = {name for space in Space for name in target_units(definition.stage, space)}
+    targets = {name for space in Space for name in target_units(definition.stage, space)}
     for name, _ in definition.formulas:
-        if name not in known:
+        if name not in targets:
             what = f"{quoted(name)} is not a target of this stage"
-            raise InputError(what=what, where=f"{where}: {definition.key}", remedy=suggestion(name, sorted(known)))
+            raise InputError(what=what, where=f"{where}: {definition.key}", remedy=suggestion(name, sorted(targets)))
     if not definition.formulas:
-        remedy = suggestion("", sorted(known))
+        remedy = suggestion("", sorted(targets))
         raise InputError(what="there are no formulas", where=f"{where}: {definition.key}", remedy=remedy)
 
 

@@ -24,8 +24,10 @@ LONGEST_NAME = 40
 DEEPEST_NESTING = 30
 """Depth of nested brackets at most; within Python's recursion limit."""
 
-NUMBER, NAME = r"(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?", r"[A-Za-z][A-Za-z0-9_]*"
-"""Patterns of a number without a sign, and of a name."""
+NUMBER = r"(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?"
+"""Pattern of a number without a sign."""
+NAME = r"[A-Za-z][A-Za-z0-9_]*"
+"""Pattern of a name."""
 _TOKEN = re.compile(
     rf"(?P<number>{NUMBER})|(?P<name>{NAME})"
     r"|(?P<operator>\*\*|[-+*/^(),])|(?P<space>[ \t\r\n]+)"
@@ -106,7 +108,10 @@ def too_deep(source: FormulaSource, column: int) -> InputError:
 
 LARGEST_EXPONENT = 8
 """Bound on numerator and denominator of an exponent: no law of physics has more, and 9^9^9 would never end."""
-SUM, PRODUCT = (ast.Add, ast.Sub), (ast.Mult, ast.Div)
+SUM = (ast.Add, ast.Sub)
+"""Operators of a sum."""
+PRODUCT = (ast.Mult, ast.Div)
+"""Operators of a product."""
 
 
 def chain_links(node: ast.BinOp) -> list[ast.BinOp]:
@@ -287,11 +292,11 @@ def _combined(tree: ast.expr, values: Mapping[str, sp.Expr], source: FormulaSour
             raise TypeError(f"{type(tree).__name__} is not an operation")
 
 
-def _is_representable(part: sp.Expr) -> bool:
+def _is_representable(expression: sp.Expr) -> bool:
     """Whether a part is not a number, or is a number within the range of floats."""
-    if not part.is_number:
+    if not expression.is_number:
         return True
-    return bool(part.is_finite and part.is_real and abs(part) < LARGEST_FLOAT)
+    return bool(expression.is_finite and expression.is_real and abs(expression) < LARGEST_FLOAT)
 
 
 MOST_NODES = 300
@@ -306,8 +311,8 @@ FILE_NAME = "<formula>"
 """Of the text in Python's audit events: it is compiled to a syntax tree, never to code."""
 
 
-def parse_formula(source: FormulaSource, known: Collection[str]) -> ast.expr:
-    """The syntax tree of a formula of the names `known`, and pi.
+def parse_formula(source: FormulaSource, names: Collection[str]) -> ast.expr:
+    """The syntax tree of a formula of these `names`, and pi.
 
     Numbers, names, + - * / ^ (or **), brackets and calls of `FORMULA_FUNCTIONS` mean what they mean in Python.
     Constant parts are folded, in floating point. Nothing else is evaluated, and nothing is executed. Raises InputError,
@@ -315,7 +320,7 @@ def parse_formula(source: FormulaSource, known: Collection[str]) -> ast.expr:
     """
     tree = _parsed(source)
     _require_limits(tree, source)
-    return _Folding(source, known).folded(tree)
+    return _Folding(source, names).folded(tree)
 
 
 def _parsed(source: FormulaSource) -> ast.expr:
@@ -327,9 +332,9 @@ def _parsed(source: FormulaSource) -> ast.expr:
         raise too_deep(source, 1) from None
     except SyntaxError as error:
         column = columns.get((error.offset or 0) - 1, len(source.text) + 1)
-        found = quoted(source.text[column - 1 :]) if column <= len(source.text) else "the end"
+        at = quoted(source.text[column - 1 :]) if column <= len(source.text) else "the end"
         remedy = "complete the formula there: an operator between its terms, a bracket for every other"
-        raise source.error(column, f"{error.msg} at {found}", remedy) from None
+        raise source.error(column, f"{error.msg} at {at}", remedy) from None
     for node in ast.walk(tree):
         if isinstance(node, ast.expr):
             node.col_offset = columns[node.col_offset]
@@ -354,8 +359,8 @@ def _require_limits(tree: ast.expr, source: FormulaSource) -> None:
 class _Folding:
     """One pass over a tree: names, functions and exponents are checked, constant parts evaluated."""
 
-    def __init__(self, source: FormulaSource, known: Collection[str]) -> None:
-        self.source, self.known = source, known
+    def __init__(self, source: FormulaSource, names: Collection[str]) -> None:
+        self.source, self.names = source, names
 
     def folded(self, node: ast.expr) -> ast.expr:
         match node:
@@ -381,13 +386,13 @@ class _Folding:
                 remedy = "use numbers, names, + - * / ^, brackets, and commas between a function's arguments"
                 raise self.source.error(node.col_offset, what, remedy)
 
-    def _evaluated(self, node: ast.expr, parts: Sequence[ast.expr], compute: Callable[..., float]) -> ast.expr:
+    def _evaluated(self, node: ast.expr, operands: Sequence[ast.expr], compute: Callable[..., float]) -> ast.expr:
         """The node, or `compute` of the values of its parts where all are numbers.
 
         In floats, as integers could grow without bound. Raises InputError when it is undefined or not finite.
         """
-        values = [part.value for part in parts if isinstance(part, ast.Constant)]
-        if len(values) < len(parts):
+        values = [operand.value for operand in operands if isinstance(operand, ast.Constant)]
+        if len(values) < len(operands):
             return node
         try:
             value = float(compute(*values))
@@ -426,11 +431,11 @@ class _Folding:
     # ------------------------------------------------------------------------------------------- names
 
     def _name(self, node: ast.Name) -> ast.expr:
-        if node.id in self.known:
+        if node.id in self.names:
             return node
         if node.id in NAMED_CONSTANTS:
             return ast.Constant(NAMED_CONSTANTS[node.id], lineno=1, col_offset=node.col_offset)
-        remedy = suggestion(node.id, [*self.known, *NAMED_CONSTANTS])
+        remedy = suggestion(node.id, [*self.names, *NAMED_CONSTANTS])
         if node.id in FORMULA_FUNCTIONS:
             remedy = f"call it as {FORMULA_FUNCTIONS[node.id].usage}"
         raise self.source.error(node.col_offset, f"{quoted(node.id)} is not a known name", remedy)
@@ -438,7 +443,7 @@ class _Folding:
     def _function(self, name: str, call: ast.Call) -> FormulaFunction:
         """The function of a call, with as many arguments as it takes."""
         if name not in FORMULA_FUNCTIONS:
-            if name in self.known:
+            if name in self.names:
                 bracket = self.source.text.index("(", call.col_offset) + 1
                 raise self.source.error(
                     bracket, f"{quoted(name)} is not a function", "put an operator before the bracket"

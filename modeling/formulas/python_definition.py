@@ -110,13 +110,13 @@ def formula_text(expression: sp.Expr | float, *, where: str = "formula") -> str:
     """
     remedy = "use text, or SymPy expressions of symbols named by letters, digits and _"
     try:
-        found = sp.sympify(expression, strict=True)
-        for atom in found.atoms():
+        formula = sp.sympify(expression, strict=True)
+        for atom in formula.atoms():
             if isinstance(atom, sp.Symbol) and not re.fullmatch(NAME, atom.name):
                 raise InputError(what=f"the symbol name {quoted(atom.name)} is not valid", where=where, remedy=remedy)
             if not isinstance(atom, sp.Symbol) and not (atom.is_number and atom.is_finite and atom.is_real):
                 raise InputError(what=f"{atom} is not a finite real number", where=where, remedy=remedy)
-        text = str(_Printer().doprint(found))
+        text = str(_Printer().doprint(formula))
     except (sp.SympifyError, AttributeError, RecursionError):
         raise InputError(what="this expression cannot be written as a formula", where=where, remedy=remedy) from None
     if len(text) > LONGEST_FORMULA:

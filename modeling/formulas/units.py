@@ -97,14 +97,14 @@ DIMENSIONLESS = Dimension()
 """The dimension of a number and of an angle."""
 
 
-def dimension(unit: str, *, own: Collection[str] = (), where: str = "unit") -> Dimension:
+def dimension(unit: str, *, own_units: Collection[str] = (), where: str = "unit") -> Dimension:
     """The dimension of a unit such as `N s²/m²`, `N*s^2/m^2` or `rad/(N m)`.
 
-    Factors are separated by spaces or `*`; after `/` comes one factor, or several in brackets. `own` are further units,
-    known by name only, each a dimension of its own.
+    Factors are separated by spaces or `*`; after `/` comes one factor, or several in brackets. `own_units` are further
+    ones, known by name only, each a dimension of its own.
     Raises InputError, naming the column, for an invalid unit or one with a conversion factor (mm, deg).
     """
-    return _UnitParser(unit, own, where).read()
+    return _UnitParser(unit, own_units, where).read()
 
 
 def _raised(unit: str, power: Fraction) -> str:
@@ -114,8 +114,8 @@ def _raised(unit: str, power: Fraction) -> str:
 class _UnitParser:
     """One pass over a unit's text."""
 
-    def __init__(self, unit: str, own: Collection[str], where: str) -> None:
-        self.unit, self.own, self.where = unit, own, where
+    def __init__(self, unit: str, own_units: Collection[str], where: str) -> None:
+        self.unit, self.own_units, self.where = unit, own_units, where
         self.text = unit.translate(_SUPERSCRIPTS)
         self.total = DIMENSIONLESS
         self.divides = self.inside = self.divided = False
@@ -160,14 +160,14 @@ class _UnitParser:
             self.divides, self.divided = False, True
 
     def _base(self, factor: str, place: int) -> Dimension:
-        if factor in self.own and factor not in _BASE:
+        if factor in self.own_units and factor not in _BASE:
             return Dimension.of({factor: Fraction(1)})
         if factor in _BASE:
             return Dimension.of({unit: Fraction(power) for unit, power in _BASE[factor].items()})
         if factor in _SI_EQUIVALENTS:
             remedy = f"use {_SI_EQUIVALENTS[factor]}: units are not converted"
         else:
-            close = get_close_matches(factor, [*_BASE, *self.own], n=1)
+            close = get_close_matches(factor, [*_BASE, *self.own_units], n=1)
             remedy = f"did you mean {close[0]}?" if close else f"use SI units: {', '.join(_BASE)}"
         raise self._error(place, f"{quoted(factor)} is not a known unit", remedy)
 
@@ -183,9 +183,9 @@ UNIT_REMEDY = 'correct it, or give the constant its unit: constants = { x0 = "0.
 
 def require_unit(tree: ast.expr, units: Mapping[str, Dimension], expected: Dimension, source: FormulaSource) -> None:
     """Raise InputError unless the formula has the unit `expected` and is consistent in itself."""
-    found = unit_of(tree, units, source)
-    if found is not None and found != expected:
-        what = f"its unit is {_unit_text(found)}, expected {_unit_text(expected)}"
+    unit = unit_of(tree, units, source)
+    if unit is not None and unit != expected:
+        what = f"its unit is {_unit_text(unit)}, expected {_unit_text(expected)}"
         raise source.error(tree.col_offset, what, UNIT_REMEDY)
 
 
@@ -232,16 +232,18 @@ def _of_call(
     return DIMENSIONLESS
 
 
-def _common_unit(parts: Sequence[ast.expr], units: Mapping[str, Dimension], source: FormulaSource) -> Dimension | None:
+def _common_unit(
+    operands: Sequence[ast.expr], units: Mapping[str, Dimension], source: FormulaSource
+) -> Dimension | None:
     """The common unit of all parts."""
-    known: Dimension | None = None
-    for part in parts:
-        unit = unit_of(part, units, source)
-        if known is not None and unit is not None and unit != known:
-            what = f"incompatible units {_unit_text(unit)} and {_unit_text(known)}"
-            raise source.error(part.col_offset, what, UNIT_REMEDY)
-        known = known if unit is None else unit
-    return known
+    common: Dimension | None = None
+    for operand in operands:
+        unit = unit_of(operand, units, source)
+        if common is not None and unit is not None and unit != common:
+            what = f"incompatible units {_unit_text(unit)} and {_unit_text(common)}"
+            raise source.error(operand.col_offset, what, UNIT_REMEDY)
+        common = common if unit is None else unit
+    return common
 
 
 def _unit_text(unit: Dimension) -> str:

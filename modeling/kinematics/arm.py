@@ -95,8 +95,8 @@ class Arm(ABC):
 
     def derived(self, pose: Sequence[sp.Expr], steps: IntermediateVariables) -> dict[str, sp.Expr]:
         """The signals of a symbolic pose, in the order of `names`."""
-        first = [steps.rate(part) for part in pose]
-        return self.signals(pose, first, [steps.rate(part) for part in first])
+        first = [steps.rate(coordinate) for coordinate in pose]
+        return self.signals(pose, first, [steps.rate(coordinate) for coordinate in first])
 
     def graph(self, q: Any, dq: Any, ddq: Any) -> dict[str, Any]:
         """The signals by name as CasADi expressions of symbols q (n,) and of any dq, ddq (n,).
@@ -143,10 +143,10 @@ class Arm(ABC):
         (x, y) in the plane, along y'; (x, y, z) in space, along the sensor's z axis. m.
         """
         q, zero = ca.SX.sym("q", self.joints), ca.SX.zeros(self.joints)
-        known = {sp.Symbol(name, real=True): value for name, value in self.graph(q, zero, zero).items()}
+        graphs = {sp.Symbol(name, real=True): value for name, value in self.graph(q, zero, zero).items()}
         motion = self.space.motion
         point = motion.position + motion.rotation * (sp.Float(length) * self.space.tip_axis)
-        return ca.Function("tip", [q], [ca.vertcat(*casadi_expressions(known, list(point)[: self.space.value]))])
+        return ca.Function("tip", [q], [ca.vertcat(*casadi_expressions(graphs, list(point)[: self.space.value]))])
 
 
 # Planar arm of revolute joints: pose, velocity and acceleration of the force sensor from the joint angles.
@@ -199,7 +199,7 @@ class PlanarArm(Arm):
             origins.append((x, y, 0))
             angle = calculus.let(angle + turn)
             along = ((x, calculus.sin), (y, calculus.cos))
-            x, y = (calculus.let(at + (length + error) * part(angle)) for at, part in along)
+            x, y = (calculus.let(at + (length + error) * component(angle)) for at, component in along)
         return ArmFrames(tuple(origins), ((0, 0, -1),) * len(origins), (angle, x, y))
 
     def graph(self, q: Any, dq: Any, ddq: Any) -> dict[str, Any]:
@@ -312,8 +312,8 @@ class SpatialArm(Arm):
 def _lengthened(offset: Sequence[float], error: Any) -> tuple[Any, ...]:
     """An offset vector (m), longer by `error` (m) in its own direction; a zero vector is unchanged."""
     length = hypot(*offset)
-    return tuple(offset) if length == 0 else tuple(part + error * (part / length) for part in offset)
+    return tuple(offset) if length == 0 else tuple(component + error * (component / length) for component in offset)
 
 
-def _named(calculus: MathBackend, parts: Sequence[Any]) -> tuple[Any, ...]:
-    return tuple(calculus.let(part) for part in parts)
+def _named(calculus: MathBackend, components: Sequence[Any]) -> tuple[Any, ...]:
+    return tuple(calculus.let(component) for component in components)

@@ -103,5 +103,5 @@ def pose_transform(space: Space, pose: Sequence[sp.Expr]) -> tuple[sp.Matrix, sp
     """Rotation from sensor to world axes, and position (m), of a pose as in `ArmFrames`."""
     motion: SensorMotion = space.motion
     names = ("phi", "px", "py") if space is Space.PLANE else ("qx", "qy", "qz", "qw", "px", "py", "pz")
-    known = dict(zip((sp.Symbol(name, real=True) for name in names), pose, strict=True))
-    return motion.rotation.xreplace(known), motion.position.xreplace(known)
+    by_symbol = dict(zip((sp.Symbol(name, real=True) for name in names), pose, strict=True))
+    return motion.rotation.xreplace(by_symbol), motion.position.xreplace(by_symbol)

@@ -58,8 +58,10 @@ def _angular_motion(components: tuple[tuple[sp.Symbol, ...], ...]) -> Mapping[st
     # Cancelled, as short as 2 vec(conj(s) ds) / |s|²; otherwise the derivative is a thousand times longer.
     omega = sp.Matrix([sp.cancel(entry) for entry in (spin[2, 1], spin[0, 2], spin[1, 0])])
     alpha = _rate(omega, (s, ds), (ds, dds))
-    found = {symbol.name: value for symbol, value in unit.items()}
-    return found | {p + axis: vector[i] for p, vector in (("w", omega), ("al", alpha)) for i, axis in enumerate("xyz")}
+    expressions = {symbol.name: value for symbol, value in unit.items()}
+    return expressions | {
+        p + axis: vector[i] for p, vector in (("w", omega), ("al", alpha)) for i, axis in enumerate("xyz")
+    }
 
 
 def _rate(matrix: sp.Matrix, *pairs: tuple[sp.Matrix, sp.Matrix]) -> sp.Matrix:
@@ -74,9 +76,12 @@ def _rate(matrix: sp.Matrix, *pairs: tuple[sp.Matrix, sp.Matrix]) -> sp.Matrix:
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
-LARGEST_NUMBER = 1e12  # beyond any length, speed or force that a rig has
-SMALLEST_NUMBER = 1e-12  # below any that a rig states; its square can still be divided by
-UNIT_NORM_TOLERANCE = 1e-9  # deviation of a norm from 1 after seven quaternion products and a round trip through a file
+LARGEST_NUMBER = 1e12
+"""Beyond any length, speed or force that a rig has."""
+SMALLEST_NUMBER = 1e-12
+"""Below any that a rig states; its square can still be divided by."""
+UNIT_NORM_TOLERANCE = 1e-9
+"""Deviation of a norm from 1 after seven quaternion products and a round trip through a file."""
 
 
 def _require_unit(name: str, values: tuple[float, ...]) -> None:
@@ -154,7 +159,9 @@ Direction = tuple[float, ...]
 """Unit vector along gravity in base axes: x, y in the plane, x, y, z in six axes."""
 
 SPATIAL_VECTORS = ("p", "vp", "ap")
+"""Prefixes of the signals along the axes of the base, in six axes."""
 PLANAR_VECTORS = ("p", "v", "a")
+"""The same in the plane."""
 
 
 def unit_direction(components: Sequence[float]) -> Direction:
@@ -202,24 +209,24 @@ def motion_in_world(motion: Mapping[str, Any], direction: Direction) -> dict[str
 
 
 def _planar(motion: Mapping[str, Any], angle: float) -> dict[str, Any]:
-    found, c, s = dict(motion), cos(angle), sin(angle)
-    if "phi" in found:
-        found["phi"] = found["phi"] + angle
+    turned, c, s = dict(motion), cos(angle), sin(angle)
+    if "phi" in turned:
+        turned["phi"] = turned["phi"] + angle
     for prefix in PLANAR_VECTORS:
         x, y = prefix + "x", prefix + "y"
         if x in motion and y in motion:
-            found |= {x: c * motion[x] + s * motion[y], y: c * motion[y] - s * motion[x]}
-    return found
+            turned |= {x: c * motion[x] + s * motion[y], y: c * motion[y] - s * motion[x]}
+    return turned
 
 
 def _spatial(motion: Mapping[str, Any], direction: Direction) -> dict[str, Any]:
-    found, turn = dict(motion), base_placement(direction).quaternion
+    mounted, turn = dict(motion), base_placement(direction).quaternion
     vectors = [[prefix + axis for axis in "xyz"] for prefix in SPATIAL_VECTORS]
     orientation = ["qx", "qy", "qz", "qw"]
     if motion.keys() >= set(orientation):
         turned = quaternion_product(turn, [motion[name] for name in orientation])
-        found |= dict(zip(orientation, turned, strict=True))
+        mounted |= dict(zip(orientation, turned, strict=True))
     for names in vectors:
         if motion.keys() >= set(names):
-            found |= dict(zip(names, rotated_vector(turn, [motion[name] for name in names]), strict=True))
-    return found
+            mounted |= dict(zip(names, rotated_vector(turn, [motion[name] for name in names]), strict=True))
+    return mounted

@@ -23,7 +23,8 @@ from modeling.kinematics.placement import (
 
 MOVABLE_JOINTS = {"revolute": JointKind.REVOLUTE, "continuous": JointKind.REVOLUTE, "prismatic": JointKind.PRISMATIC}
 FIXED = "fixed"
-FRAMES_LISTED = 12  # frames listed in a message: enough for a six-axis arm with flange and tool, on one line
+FRAMES_LISTED = 12
+"""Frames listed in a message: enough for a six-axis arm with flange and tool, on one line."""
 
 
 def read_urdf(path: str | Path, sensor_frame: str | None) -> SpatialArm:

@@ -84,8 +84,8 @@ def with_g(expression: sp.Matrix, model: WrenchModel) -> sp.Matrix:
 def derived_regressor() -> tuple[sp.Matrix, sp.Matrix]:
     """Phi of the planar model with its entries named M1 .. M4, and these functions (4, 1)."""
     model = planar()
-    found = regressor_functions(model)
-    functions = [found.M1, found.M2, found.M3, found.M4]
+    derived = regressor_functions(model)
+    functions = [derived.M1, derived.M2, derived.M3, derived.M4]
     names = dict(zip(functions, MOTION_FUNCTIONS, strict=True))
     phi = regressor(model).applyfunc(lambda entry: names.get(entry, entry))
     return phi, with_g(sp.Matrix(functions), model)

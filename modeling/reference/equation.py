@@ -39,9 +39,9 @@ def latex_words(text: str) -> str:
     return rf"\text{{{text}}}".replace("_", r"\_")
 
 
-def latex_lines(parts: list[str]) -> str:
+def latex_lines(lines: list[str]) -> str:
     """Aligned lines of LaTeX, for a notebook."""
-    return "$\\displaystyle \\begin{aligned}" + r" \\ ".join(f"&{part}" for part in parts) + r"\end{aligned}$"
+    return "$\\displaystyle \\begin{aligned}" + r" \\ ".join(f"&{line}" for line in lines) + r"\end{aligned}$"
 
 
 class EquationVerdict(Enum):
@@ -162,7 +162,7 @@ class Equation:
 
 
 def _labelled(label: str, matrix: sp.Matrix) -> Iterable[str]:
-    first, *others = (part for row in as_text(matrix).splitlines() for part in wrap(row, 96, subsequent_indent="  "))
+    first, *others = (piece for row in as_text(matrix).splitlines() for piece in wrap(row, 96, subsequent_indent="  "))
     return [f"    {label:17}  {first}", *(" " * 23 + line for line in others)]
 
 

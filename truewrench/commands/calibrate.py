@@ -21,7 +21,7 @@ def run(arguments: argparse.Namespace) -> None:
     case = replace(case, model=with_effects_changed(case.model, arguments.given, [], custom))
     candidates = candidate_effects(case.model, arguments.only, arguments.without, custom)
     with suspicions_named(case.recordings), progress_line() as progress:
-        found = calibrate(
+        calibration = calibrate(
             case.model,
             case.recordings[0],
             effects=candidates,
@@ -32,5 +32,5 @@ def run(arguments: argparse.Namespace) -> None:
             workers=available_cores() if arguments.workers is None else arguments.workers,
         )
     if arguments.out is not None:
-        write_calibration(found, arguments.out)
-    print_result(arguments, lambda: found, found.to_data, [] if arguments.out is None else [arguments.out])
+        write_calibration(calibration, arguments.out)
+    print_result(arguments, lambda: calibration, calibration.to_data, [] if arguments.out is None else [arguments.out])

@@ -23,10 +23,10 @@ def run(arguments: argparse.Namespace) -> None:
     recordings = read_recordings(arguments.on, rig=rig)
     with progress_line() as progress:
         progress("compare")
-        found = compare_models(models, recordings)
+        comparison = compare_models(models, recordings)
     written = []
     if arguments.report is not None:
         provenance = provenance_of(arguments, *paths, *arguments.on)
-        texts = comparison_report(found, provenance)
+        texts = comparison_report(comparison, provenance)
         written = write_report_files(texts, arguments.report)
-    print_result(arguments, lambda: found, found.to_data, written)
+    print_result(arguments, lambda: comparison, comparison.to_data, written)

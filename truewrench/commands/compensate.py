@@ -32,7 +32,7 @@ def run(arguments: argparse.Namespace) -> None:
     recording = read_with_rig(arguments.recording, rig=saved.rig, every_row=True)
     with progress_line() as progress:
         progress("compensate")
-        found = compensate(
+        contact = compensate(
             saved.calibration,
             recording,
             keep_zero=arguments.keep_zero,
@@ -41,9 +41,9 @@ def run(arguments: argparse.Namespace) -> None:
         )
     if arguments.out is not None:
         with atomic_write(arguments.out) as path:
-            contact_table(found).to_csv(path, index=False, float_format="%.9g")
+            contact_table(contact).to_csv(path, index=False, float_format="%.9g")
     written = [] if arguments.out is None else [arguments.out]
-    print_result(arguments, lambda: contact_text(found), lambda: contact_data(found), written)
+    print_result(arguments, lambda: contact_text(contact), lambda: contact_data(contact), written)
 
 
 def contact_table(contact: ContactWrench) -> pd.DataFrame:
@@ -69,16 +69,16 @@ def contact_table(contact: ContactWrench) -> pd.DataFrame:
 
 def contact_data(contact: ContactWrench) -> dict[str, Any]:
     """Zero shift, noise and contacts as plain numbers, N, N m and s; None for what there is not."""
-    channels, found = contact.calibration.model.channels, contact.detection
+    channels, detection = contact.calibration.model.channels, contact.detection
     data: dict[str, Any] = {
         "recording": contact.recording.name,
         "samples": contact.recording.samples,
         "components": list(contact.names),
         "zero_shift": _by_name(channels, contact.zero_shift),
-        "zero_shift_std": _by_name(channels, np.sqrt(np.diag(found.zero_covariance))),
+        "zero_shift_std": _by_name(channels, np.sqrt(np.diag(detection.zero_covariance))),
         "noise": _by_name(contact.names, np.sqrt(np.diag(contact.noise))),
-        "free": float(found.free.mean()),
-        "false_alarms": found.false_alarms,
+        "free": float(detection.free.mean()),
+        "false_alarms": detection.false_alarms,
         "late": contact.group_delay,
         "unknown": dict(contact.unknown),
         "contacts": [
@@ -105,13 +105,15 @@ def _by_name(names: tuple[str, ...], values: Any) -> dict[str, float]:
 
 def contact_text(contact: ContactWrench) -> str:
     """Detected contacts, zero shift and noise, as text with a table."""
-    found, space = contact.detection, contact.space
+    detection, space = contact.detection, contact.space
     count = len(contact.intervals)
-    head = f"No contact detected beyond noise and known model error (false-alarm probability {found.false_alarms:g})."
+    head = (
+        f"No contact detected beyond noise and known model error (false-alarm probability {detection.false_alarms:g})."
+    )
     if count:
-        head = f"{count} contact{'s' * (count > 1)} (false-alarm probability {found.false_alarms:g}):\n{contact}"
+        head = f"{count} contact{'s' * (count > 1)} (false-alarm probability {detection.false_alarms:g}):\n{contact}"
     shifts = zip(contact.calibration.model.channels, contact.zero_shift, space.units, strict=True)
-    std = np.sqrt(np.diag(found.zero_covariance))
+    std = np.sqrt(np.diag(detection.zero_covariance))
     shift = ", ".join(f"{c} {v:.3g} ± {s:.2g} {u}" for (c, v, u), s in zip(shifts, std, strict=True))
     size = zip(contact.names, np.sqrt(np.diag(contact.noise)), space.units, strict=True)
     lines = [

@@ -51,13 +51,13 @@ def run(arguments: argparse.Namespace) -> None:
     names = ("rig.toml", *(r.name for r in runs))
     print("Recorded: " + ", ".join(str(out / name) for name in names), end="\n\n", flush=True)
     training, validation = str(out / TRAINING.name), str(out / VALIDATION.name)
-    found = diagnosed(read_case([training], validation=[validation], rig=str(out / "rig.toml")))
-    texts = report_texts(found, provenance_of(arguments, *(out / name for name in names[:3])))
-    write(found, found.to_data(), texts, out)
-    print(diagnosis_text(found), end="\n\n")
-    print(outcome(found, arguments.effect), end="\n\n")
+    diagnosis = diagnosed(read_case([training], validation=[validation], rig=str(out / "rig.toml")))
+    texts = report_texts(diagnosis, provenance_of(arguments, *(out / name for name in names[:3])))
+    write(diagnosis, diagnosis.to_data(), texts, out)
+    print(diagnosis_text(diagnosis), end="\n\n")
+    print(outcome(diagnosis, arguments.effect), end="\n\n")
     if CONTACT in runs:
-        print(contact_summary(found, out), end="\n\n")
+        print(contact_summary(diagnosis, out), end="\n\n")
     print(f"Report: {out / FILES[0]}")
     if CONTACT in runs:
         print(f"Contact wrench estimated with the rigid tool and with the final model: {out / PICTURE}")
@@ -73,26 +73,26 @@ def _described(effect: HiddenEffect | None) -> str:
 # ----------------------------------------------------------------------------------------- comparison with the truth
 
 
-def outcome(found: Diagnosis, hidden: str) -> str:
+def outcome(diagnosis: Diagnosis, hidden: str) -> str:
     """Hidden and identified effects, and the systematic error on the validation recording."""
-    named = ", ".join(found.added) or NOTHING
-    lines = [f"Hidden: {hidden}. Identified: {named}. {_judgement(found, hidden)}", ""]
-    before, after = (step.validation[0] for step in (found.steps[0], found.steps[-1]))
+    named = ", ".join(diagnosis.added) or NOTHING
+    lines = [f"Hidden: {hidden}. Identified: {named}. {_judgement(diagnosis, hidden)}", ""]
+    before, after = (step.validation[0] for step in (diagnosis.steps[0], diagnosis.steps[-1]))
     lines.append(f"Systematic error on {VALIDATION.name}, a validation motion that was not fitted:")
     lines.append(str(error_table(before, after)))
     return "\n".join(lines)
 
 
-def _judgement(found: Diagnosis, hidden: str) -> str:
-    aliases = {r for f in found.findings if f.effect.id in found.added for r in f.confusable_with}
+def _judgement(diagnosis: Diagnosis, hidden: str) -> str:
+    aliases = {r for f in diagnosis.findings if f.effect.id in diagnosis.added for r in f.confusable_with}
     if hidden == NOTHING:
-        return "Correct." if not found.added else "False alarm."
-    if found.added == (hidden,):
+        return "Correct." if not diagnosis.added else "False alarm."
+    if diagnosis.added == (hidden,):
         return "Correct."
     if hidden in aliases:
         return f"In these recordings it is indistinguishable from {hidden}."
     if hidden not in {e.id for e in catalogue()}:
-        unexplained = found.verdict in (RecordVerdict.UNEXPLAINED, RecordVerdict.PARTLY_EXPLAINED)
+        unexplained = diagnosis.verdict in (RecordVerdict.UNEXPLAINED, RecordVerdict.PARTLY_EXPLAINED)
         lacking = f"The catalogue has no {hidden}"
         return lacking + (": an unexplained systematic residual is the correct answer." if unexplained else ".")
     return "Not the hidden effect."
@@ -119,12 +119,12 @@ def error_table(before: Comparison, after: Comparison) -> Table:
 # --------------------------------------------------------------------------------------- contact wrench
 
 
-def contact_summary(found: Diagnosis, out: Path) -> str:
+def contact_summary(diagnosis: Diagnosis, out: Path) -> str:
     """Contact wrench of a known contact estimated with both models, as a table and a figure."""
-    fits = {RIGID_TOOL: found.steps[0].fit}
-    if found.added:
-        fits["with " + " and ".join(found.added)] = found.steps[-1].fit
-    recording = read(out / CONTACT.name, rig=found.steps[0].fit.recordings[0].rig)
+    fits = {RIGID_TOOL: diagnosis.steps[0].fit}
+    if diagnosis.added:
+        fits["with " + " and ".join(diagnosis.added)] = diagnosis.steps[-1].fit
+    recording = read(out / CONTACT.name, rig=diagnosis.steps[0].fit.recordings[0].rig)
     contacts = {label: compensate(fitted, recording) for label, fitted in fits.items()}
     last = list(contacts)[-1]
     sides = [
@@ -160,6 +160,6 @@ def contact_errors(contacts: dict[str, ContactWrench], true: Array) -> Table:
         noise, limit = float(first.floor[i]), first.systematic_contact_error_limit[i]
         shown = (Cell(float(e[i]), mark="< " if e[i] == limit else "") for e in errors)
         rows.append((name, unit, noise, noise / 10, *shown))
-    found = ("contacts detected", "", f"of {CONTACT.repeats}", "", *(str(len(c.intervals)) for c in contacts.values()))
+    counts = ("contacts detected", "", f"of {CONTACT.repeats}", "", *(str(len(c.intervals)) for c in contacts.values()))
     sizes = (Column(label, format=".2g") for label in ("noise / 10", *contacts))
-    return Table.of(("component", "unit", Column("noise", format=".3g"), *sizes), [*rows, found])
+    return Table.of(("component", "unit", Column("noise", format=".3g"), *sizes), [*rows, counts])

@@ -63,17 +63,17 @@ def run(arguments: argparse.Namespace) -> None:
             signal.signal(number, handler)
 
 
-def show(request: DesignRequest, found: ExcitingTrajectory | DiscriminationDesign) -> None:
+def show(request: DesignRequest, plan: ExcitingTrajectory | DiscriminationDesign) -> None:
     """Write and print a result."""
     arguments = request.options
-    files = [] if found.motion is None else result_files(arguments)
+    files = [] if plan.motion is None else result_files(arguments)
     if files:
-        write(request, found, arguments.out)
+        write(request, plan, arguments.out)
     excluded = f"\nexcluded, because no trajectory can be designed for them: {', '.join(request.left_out)}"
     print_result(
         arguments,
-        lambda: f"{found}{excluded if request.left_out else ''}",
-        lambda: dict.fromkeys(KEYS) | found.to_data(),
+        lambda: f"{plan}{excluded if request.left_out else ''}",
+        lambda: dict.fromkeys(KEYS) | plan.to_data(),
         files,
     )
 
@@ -102,8 +102,8 @@ def exciting_plan(request: DesignRequest) -> ExcitingTrajectory:
 def discriminating_plan(request: DesignRequest) -> DiscriminationDesign:
     """The trajectory that discriminates between the two effects of --tell, at the parameters of the model file."""
     asked, values = request.options, request.values
-    known = {effect.id: effect for effect in request.model.effects}  # custom effects among them
-    one, other = (known.get(effect_id) or named(effect_id) for effect_id in asked.tell)
+    effects = {effect.id: effect for effect in request.model.effects}  # custom effects among them
+    one, other = (effects.get(effect_id) or named(effect_id) for effect_id in asked.tell)
     if asked.averaged or asked.criterion != "d":
         what = "--criterion and --averaged do not apply to --tell, which has its own criterion"
         raise InputError(what=what, where="--tell", remedy="leave them out")
@@ -128,9 +128,9 @@ def discriminating_plan(request: DesignRequest) -> DiscriminationDesign:
         )
 
 
-def write(request: DesignRequest, found: ExcitingTrajectory | DiscriminationDesign, path: Path) -> None:
+def write(request: DesignRequest, plan: ExcitingTrajectory | DiscriminationDesign, path: Path) -> None:
     """Write PLAN.csv and its plot."""
-    rig, motion = request.rig, found.motion
+    rig, motion = request.rig, plan.motion
     if motion is None or rig.limits is None:
         return
     with atomic_write(path) as temporary:
@@ -143,7 +143,7 @@ def write(request: DesignRequest, found: ExcitingTrajectory | DiscriminationDesi
         arm=rig.arm,
         tip_length=rig.tip_length,
         workspace=rig.workspace,
-        information=found.sample_information if isinstance(found, ExcitingTrajectory) else None,
+        information=plan.sample_information if isinstance(plan, ExcitingTrajectory) else None,
     )
     with atomic_write(plot_path(path)) as temporary:
         figure.savefig(temporary, format="png", dpi=160, facecolor="white", bbox_inches="tight")

@@ -45,19 +45,19 @@ def run(arguments: argparse.Namespace) -> None:
     case = replace(case, model=with_effects_changed(case.model, arguments.given, [], custom))
     candidates = candidate_effects(case.model, arguments.only, arguments.without, custom)
     with suspicions_named((*case.recordings, *case.held_out)):
-        found = diagnosed(case, candidates)
-    found = found if calibration is None else found.calibrated(calibration)
-    case = case.with_fitted_gravity(found.fit.model, found.fit.values)
+        diagnosis = diagnosed(case, candidates)
+    diagnosis = diagnosis if calibration is None else diagnosis.calibrated(calibration)
+    case = case.with_fitted_gravity(diagnosis.fit.model, diagnosis.fit.values)
     out = None if arguments.out is None else make_folder(arguments.out)
-    data = found.to_data() | frames_data(case)
+    data = diagnosis.to_data() | frames_data(case)
     written = []
     if out is not None or arguments.report is not None:
         inputs = (arguments.rig, arguments.effects, arguments.calibration)
         provenance = provenance_of(arguments, *arguments.recordings, *arguments.validate, *inputs)
-        texts = report_texts(found, provenance)
-        written = write(found, data, texts, out, arguments.report)
+        texts = report_texts(diagnosis, provenance)
+        written = write(diagnosis, data, texts, out, arguments.report)
     frames = "".join(f"\n\n{sentence}" for sentence in frame_sentences(case))
-    print_result(arguments, lambda: diagnosis_text(found) + frames, lambda: data, written)
+    print_result(arguments, lambda: diagnosis_text(diagnosis) + frames, lambda: data, written)
 
 
 def _calibration_of(case: Case, path: Path) -> Calibration:
@@ -78,17 +78,17 @@ def diagnosed(case: Case, candidates: Sequence[Effect] | None = None) -> Diagnos
         return diagnose_case(case, effects=candidates, progress=progress)
 
 
-def report_texts(found: Diagnosis, provenance: Provenance) -> ReportTexts:
+def report_texts(diagnosis: Diagnosis, provenance: Provenance) -> ReportTexts:
     """The report as HTML and as Markdown."""
     from truewrench.reports.report_html import diagnosis_report  # with its templates and figures
 
     with progress_line() as progress:
         progress("write the report")
-        return diagnosis_report(found, provenance)
+        return diagnosis_report(diagnosis, provenance)
 
 
 def write(
-    found: Diagnosis, data: dict[str, Any], texts: ReportTexts, out: Path | None, report: Path | None = None
+    diagnosis: Diagnosis, data: dict[str, Any], texts: ReportTexts, out: Path | None, report: Path | None = None
 ) -> list[Path]:
     """Write report, result and model into folder `out`, and the report into folder `report`; return the files.
 
@@ -103,7 +103,7 @@ def write(
     contents = (
         texts.html,
         json.dumps(data, indent=2, allow_nan=False) + "\n",
-        ModelFile.of(found.fit, found.misfitting, found.tool_unknown).to_text(),
+        ModelFile.of(diagnosis.fit, diagnosis.misfitting, diagnosis.tool_unknown).to_text(),
     )
     with ExitStack() as files:
         for name, text in zip(FILES, contents, strict=True):

@@ -11,11 +11,11 @@ from truewrench.files.output import atomic_write, say
 
 def run(arguments: argparse.Namespace) -> None:
     """Write the text, print frame, convention and operation counts (on standard error if the text is on the other)."""
-    found = emitted(arguments.model, arguments.to, rate=arguments.rate, sensor_pose=arguments.sensor_pose)
-    text = found.text if found.text.endswith("\n") else found.text + "\n"
-    if found.warning:
-        say(f"warning: {found.warning}")
-    said = "\n\n".join(str(part) for part in (found.operations, found.frames) if part)
+    result = emitted(arguments.model, arguments.to, rate=arguments.rate, sensor_pose=arguments.sensor_pose)
+    text = result.text if result.text.endswith("\n") else result.text + "\n"
+    if result.warning:
+        say(f"warning: {result.warning}")
+    said = "\n\n".join(str(paragraph) for paragraph in (result.operations, result.frames) if paragraph)
     if arguments.out is None:
         sys.stdout.write(text)
         if said:

@@ -44,28 +44,28 @@ def run(arguments: argparse.Namespace) -> None:
     case = replace(case, model=with_effects_changed(case.model, arguments.add, arguments.drop, custom))
     with suspicions_named((*case.recordings, *case.held_out)), progress_line() as progress:
         progress("fit")
-        found = fit_summary_of(case, constraints, robust=arguments.robust)
-        case = case.with_fitted_gravity(found.fit.model, found.fit.values)
-    written = [] if arguments.report is None else write_report(arguments, found, case)
+        summary = fit_summary_of(case, constraints, robust=arguments.robust)
+        case = case.with_fitted_gravity(summary.fit.model, summary.fit.values)
+    written = [] if arguments.report is None else write_report(arguments, summary, case)
     print_fit(
         arguments,
-        found.fit,
-        lambda: found.to_data(case),
-        lambda: found.text(case, runs=arguments.runs, verbose=arguments.verbose),
+        summary.fit,
+        lambda: summary.to_data(case),
+        lambda: summary.text(case, runs=arguments.runs, verbose=arguments.verbose),
         written,
-        [c.recording.name for c in found.misfitting],
-        found.unknown_tool,
+        [c.recording.name for c in summary.misfitting],
+        summary.unknown_tool,
     )
 
 
-def write_report(arguments: argparse.Namespace, found: FitSummary, case: Case) -> list[Path]:
+def write_report(arguments: argparse.Namespace, summary: FitSummary, case: Case) -> list[Path]:
     """Write the report of --report; return its files."""
     from truewrench.reports.fit_report import fit_report
     from truewrench.reports.report_files import write_report_files
 
     inputs = (arguments.rig, arguments.effects, arguments.bounds, arguments.prior)
     provenance = provenance_of(arguments, *arguments.recordings, *arguments.validate, *inputs)
-    texts = fit_report(found, provenance, frame_sentences(case))
+    texts = fit_report(summary, provenance, frame_sentences(case))
     return write_report_files(texts, arguments.report)
 
 
@@ -82,23 +82,23 @@ def run_stream(arguments: argparse.Namespace) -> None:
         what = "several logs were given"
         raise InputError(what=what, where="--stream", remedy="stream one log; `tw.fit` takes the chunks of many")
     rig = None if arguments.rig is None else Rig.read(arguments.rig)
-    found = fit_long_log(
+    fit = fit_long_log(
         Path(arguments.recordings[0]), rig, lambda model: with_effects_changed(model, arguments.add, arguments.drop)
     )
-    samples = found.information.rows // len(found.model.channels)
+    samples = fit.information.rows // len(fit.model.channels)
     data = {
         "samples": samples,
-        "misfit": found.misfit,
-        "condition": found.condition,
-        "unseen": [*map(str, found.unidentifiable)],
+        "misfit": fit.misfit,
+        "condition": fit.condition,
+        "unseen": [*map(str, fit.unidentifiable)],
     }
-    text = f"{found.where}: {samples} samples, reduced chi-square {found.misfit:.4g}\n\n{found}"
-    print_fit(arguments, found, lambda: data, lambda: text)
+    text = f"{fit.where}: {samples} samples, reduced chi-square {fit.misfit:.4g}\n\n{fit}"
+    print_fit(arguments, fit, lambda: data, lambda: text)
 
 
 def print_fit(
     arguments: argparse.Namespace,
-    found: Fit | StreamedFit,
+    fit: Fit | StreamedFit,
     data: Callable[[], dict[str, Any]],
     text: Callable[[], str],
     report: Sequence[Path] = (),
@@ -110,7 +110,7 @@ def print_fit(
     if arguments.out is not None or arguments.json:
         from truewrench.files.model_file import ModelFile  # with the parser of formulas
 
-        saved = ModelFile.of(found, misfitting, tool_unknown)
+        saved = ModelFile.of(fit, misfitting, tool_unknown)
         if arguments.out is not None:
             with atomic_write(arguments.out) as path:
                 path.write_text(saved.to_text(), encoding="utf-8")
@@ -129,8 +129,8 @@ def fit_summary_of(case: Case, constraints: Constraints | None, *, robust: bool)
     if constraints is not None:
         what = "a robust loss and constraints cannot be combined"
         raise InputError(what=what, where="--robust", remedy="leave out --robust, or --bounds, --physical and --prior")
-    found = robust_fit_case(case)
-    return FitSummary(found.fit, found.intervals(), found, _compared(found.fit, case))
+    robust_fit = robust_fit_case(case)
+    return FitSummary(robust_fit.fit, robust_fit.intervals(), robust_fit, _compared(robust_fit.fit, case))
 
 
 def _compared(fitted: Fit, case: Case) -> tuple[Comparison, ...]:

@@ -18,9 +18,16 @@ from modeling.rig import Rig
 from truewrench.files.case_files import imported_frames
 from truewrench.files.output import atomic_write, progress_line
 
-PICTURES, PICTURE_DPI = (".png", ".svg", ".pdf"), 144
-ROWS_AT_ONCE, ROWS_OF_GROUP = 100_000, 500_000
+PICTURES = (".png", ".svg", ".pdf")
+"""Suffixes of the pictures that --plot draws."""
+PICTURE_DPI = 144
+"""Of a PNG: one and a half times the resolution of a common screen."""
+ROWS_AT_ONCE = 100_000
+"""Rows of CSV that are formatted at once: some tens of megabytes of text."""
+ROWS_OF_GROUP = 500_000
+"""Rows of a Parquet row group, which is read at once."""
 WRITTEN = (".csv", ".parquet", ".pq")
+"""Suffixes of the recordings that --out writes."""
 LONGEST_CHECKED = 2_000_000
 """Samples up to which the recording is also made, as `diagnose` will make it; more would be in memory twice."""
 
@@ -60,7 +67,7 @@ def run(arguments: argparse.Namespace) -> None:
     said: list[str] = []
     with progress_line() as progress:
         progress("read" if arguments.out is not None else "read for a report alone, as there is no --out REC")
-        found = imported(
+        log = imported(
             *arguments.sources,
             rig=rig,
             preset=arguments.preset,
@@ -70,23 +77,23 @@ def run(arguments: argparse.Namespace) -> None:
             one_run=arguments.no_period,
             clock_offset=arguments.clock_offset,
         )
-        if (rig is not None or "q1" not in found.columns) and found.report.samples < LONGEST_CHECKED:
-            said = imported_frames(found.recording(rig))  # whatever could not be diagnosed is said now
+        if (rig is not None or "q1" not in log.columns) and log.report.samples < LONGEST_CHECKED:
+            said = imported_frames(log.recording(rig))  # whatever could not be diagnosed is said now
         if arguments.out is not None:
             progress("write")
             with atomic_write(arguments.out) as path:
-                write_table(found.columns, path, parquet=arguments.out.suffix.lower() in (".parquet", ".pq"))
+                write_table(log.columns, path, parquet=arguments.out.suffix.lower() in (".parquet", ".pq"))
         if arguments.plot is not None:
             progress("draw")
-            write_picture(found.report, arguments.plot)
+            write_picture(log.report, arguments.plot)
     if arguments.json:
-        print(json.dumps(found.report.to_data() | {"frames": said}, indent=2, allow_nan=False))
+        print(json.dumps(log.report.to_data() | {"frames": said}, indent=2, allow_nan=False))
         return
-    print("\n\n".join([str(found.report), *said]))
+    print("\n\n".join([str(log.report), *said]))
     written = ", ".join(str(path) for path in (arguments.out, arguments.plot) if path is not None)
     print(f"\nWritten: {written}" if written else "\nNothing is written without --out REC.")
     if arguments.out is not None:
-        print(f"Next: {next_command(arguments.out, arguments.rig, joints='q1' in found.columns)}")
+        print(f"Next: {next_command(arguments.out, arguments.rig, joints='q1' in log.columns)}")
 
 
 def next_command(recording: Path, rig: str | None, *, joints: bool) -> str:

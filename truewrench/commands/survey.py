@@ -18,7 +18,7 @@ def result_files(arguments: argparse.Namespace) -> list[Path]:
 def run(arguments: argparse.Namespace) -> None:
     """Diagnose the recordings, write the files, print the survey."""
     with progress_line() as progress:
-        found = survey(
+        surveyed = survey(
             arguments.recordings,
             rig=arguments.rig,
             out=arguments.out,
@@ -27,4 +27,4 @@ def run(arguments: argparse.Namespace) -> None:
             one_run=arguments.no_period,
             progress=progress,
         )
-    print_result(arguments, lambda: found, found.to_data, result_files(arguments))
+    print_result(arguments, lambda: surveyed, surveyed.to_data, result_files(arguments))

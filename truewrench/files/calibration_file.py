@@ -48,10 +48,10 @@ class _Calibration(StrictTable):
     candidates: list[str] | None = None
 
 
-def write_calibration(found: Calibration, path: Path) -> None:
+def write_calibration(calibration: Calibration, path: Path) -> None:
     """Write a calibration as JSON, all of it or nothing."""
     with atomic_write(path) as temporary:
-        temporary.write_text(json.dumps(found.to_data(), indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        temporary.write_text(json.dumps(calibration.to_data(), indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
 
 def read_calibration(path: Path) -> Calibration:

@@ -109,7 +109,7 @@ def _require_one_sensor(recordings: Sequence[Recording]) -> None:
             )
 
 
-# ------------------------------------------------------------------------------- sign convention
+# ------------------------------------------------------------------ sign convention and gravity, in words
 
 MEANINGS = {
     Convention.ON_TOOL: "the wrench that the sensor exerts on the tool (on_tool)",

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 NOTHING = "nothing"
 HARMONICS = 5
+"""Of the motion: up to 1 Hz in a period of 5 s."""
 SAMPLES = 500
 """To a period of 5 s: 100 Hz."""
 

@@ -91,12 +91,12 @@ def custom_candidates(path: Path | None, case: Case) -> tuple[CustomEffect, ...]
     if path is None:
         return ()
     space = case.model.space
-    found = tuple(effect for effect in read_effects(path) if space in effect.spaces)
-    if not found:
+    effects = tuple(effect for effect in read_effects(path) if space in effect.spaces)
+    if not effects:
         what = f"no effect in it is for a sensor of the channels {', '.join(space.channels)}"
         raise InputError(what=what, where=str(path), remedy="use the signals and channels of these recordings")
-    for effect in found:
+    for effect in effects:
         for recording in (*case.recordings, *case.held_out):
             where = f"{path}, on {recording.name}"
             require_finite(effect.definition, space, recording.motion.model_signals, recording.samples, where)
-    return found
+    return effects

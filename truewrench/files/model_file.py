@@ -88,11 +88,11 @@ class ModelFile(NamedEstimates, Tabular):
         """Model file of a fit, with the biases of its first recording, and the others where they were tested."""
         noise = fitted.noise if isinstance(fitted, StreamedFit) else fitted.noise[0]
         names = [p.name for p in fitted.model.parameters]
-        known, calibration = fitted.parameters, CalibratedModel.of(fitted)
+        estimates, calibration = fitted.parameters, CalibratedModel.of(fitted)
         return cls(
             model=fitted.model,
             rig=fitted.rig if isinstance(fitted, StreamedFit) else fitted.recordings[0].rig,
-            parameters={name: known[name] for name in names},
+            parameters={name: estimates[name] for name in names},
             covariance=calibration.covariance,
             noise_floor=_by_channel(fitted.model, noise.floor),
             noise_source=noise.source,
@@ -375,11 +375,11 @@ def _whole(digits: str) -> int:
 
 
 def _each_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) < len(pairs):
-        twice = next(key for key in found if sum(k == key for k, _ in pairs) > 1)
+    table = dict(pairs)
+    if len(table) < len(pairs):
+        twice = next(key for key in table if sum(k == key for k, _ in pairs) > 1)
         raise ValueError(f"the key '{twice[:40]}' is used twice")
-    return found
+    return table
 
 
 Positive = Annotated[float, Field(gt=0)]
@@ -454,8 +454,8 @@ def _model(table: _Model, where: str, rig: Rig | None) -> WrenchModel:
         raise InputError(what=f"effects: {place}{error.what}", where=where, remedy=error.remedy) from None
     if arm is None and any(effect.needs_joints for effect in model.effects):
         raise InputError(what="effects: one of them needs joints, and rig has no arm", where=where, remedy=REMEDY)
-    known = {**_omitted(table, model), **table.parameters}
-    _require_names(known, [p.name for p in model.parameters], "parameters", where)
+    parameters = {**_omitted(table, model), **table.parameters}
+    _require_names(parameters, [p.name for p in model.parameters], "parameters", where)
     return model
 
 
@@ -477,16 +477,16 @@ def _effect(table: _Effect, model: _Model, space: Space) -> Effect:
             raise InputError(what=f"{table.id[:40]} is defined as '{custom.id}'", where="effects", remedy=REMEDY)
         return custom
     effect = named(table.id)
-    known = _options(effect)
+    options = _options(effect)
     for name, value in table.options.items():
-        if name not in known:
+        if name not in options:
             raise InputError(what=f"{table.id} has no option '{name[:40]}'", where="effects", remedy=REMEDY)
-        if not 0 < value <= len(model.parameters) or type(value) is not type(known[name]):
+        if not 0 < value <= len(model.parameters) or type(value) is not type(options[name]):
             raise InputError(what=f"{table.id} cannot have {name} = {value}"[:80], where="effects", remedy=REMEDY)
-    found = type(effect)(**table.options)
+    configured = type(effect)(**table.options)
     if not {f"{table.id}.{p.name}" for p in OFFSETS} & model.parameters.keys():
-        return found.restricted(space)
-    return found
+        return configured.restricted(space)
+    return configured
 
 
 def _effect_data(effect: Effect) -> dict[str, Any]:
@@ -501,45 +501,45 @@ def _options(effect: Effect) -> dict[str, bool | int]:
     return {name: value for name, value in asdict(effect).items() if isinstance(value, int)}
 
 
-def _require_names(names: Iterable[str], expected: Iterable[str], what: str, where: str) -> None:
+def _require_names(names: Iterable[str], expected: Iterable[str], key: str, where: str) -> None:
     names, expected = list(names), list(expected)
     missing = [name for name in expected if name not in names]
     unknown = [name for name in names if name not in expected]
     if missing:
-        raise InputError(what=f"{what}: {missing[0]} is missing", where=where, remedy=REMEDY)
+        raise InputError(what=f"{key}: {missing[0]} is missing", where=where, remedy=REMEDY)
     if unknown:
-        raise InputError(what=f"{what}: {unknown[0][:40]} is not expected", where=where, remedy=REMEDY)
+        raise InputError(what=f"{key}: {unknown[0][:40]} is not expected", where=where, remedy=REMEDY)
     if len(names) != len(expected):
-        raise InputError(what=f"{what}: a name is used twice", where=where, remedy=REMEDY)
+        raise InputError(what=f"{key}: a name is used twice", where=where, remedy=REMEDY)
 
 
 def _numbers(table: _Model, model: WrenchModel, where: str) -> tuple[dict[str, Estimate], Array]:
     """Estimates and covariance in the model's order."""
-    found = {}
-    known = {**_omitted(table, model), **table.parameters}
+    estimates = {}
+    entries = {**_omitted(table, model), **table.parameters}
     for parameter in model.parameters:
-        entry = known[parameter.name]
+        entry = entries[parameter.name]
         if entry.unit != parameter.unit:
             what = f"parameters.{parameter.name}: expected the unit {parameter.unit}; got {entry.unit[:40]!r}"
             raise InputError(what=what, where=where, remedy=REMEDY)
         std = np.inf if entry.std is None else entry.std
-        found[parameter.name] = Estimate(parameter.name, entry.value, std, parameter.unit)
-    covariance = _covariance(table.covariance, list(table.parameters), list(found), where)
-    for name, variance in zip(found, np.diag(covariance), strict=True):
-        if not isclose(found[name].std, np.sqrt(variance), rel_tol=ROUNDING):
+        estimates[parameter.name] = Estimate(parameter.name, entry.value, std, parameter.unit)
+    covariance = _covariance(table.covariance, list(table.parameters), list(estimates), where)
+    for name, variance in zip(estimates, np.diag(covariance), strict=True):
+        if not isclose(estimates[name].std, np.sqrt(variance), rel_tol=ROUNDING):
             what = f"parameters.{name}: std is not the square root of its variance in covariance"
             raise InputError(what=what, where=where, remedy=REMEDY)
-    return found, covariance
+    return estimates, covariance
 
 
-def _covariance(table: _Covariance, known: list[str], names: list[str], where: str) -> Array:
-    """The matrix in the order of `names`, with zeros for those that are not `known` to the file.
+def _covariance(table: _Covariance, stated: list[str], names: list[str], where: str) -> Array:
+    """The matrix in the order of `names`, with zeros for those that are not `stated` in the file.
 
     None is an infinite variance on the diagonal, and zero off it.
     """
-    _require_names(table.parameters, known, "covariance", where)
-    if [len(row) for row in table.matrix] != [len(known)] * len(known):
-        what = f"covariance: a matrix of {len(known)} x {len(known)} numbers was expected"
+    _require_names(table.parameters, stated, "covariance", where)
+    if [len(row) for row in table.matrix] != [len(stated)] * len(stated):
+        what = f"covariance: a matrix of {len(stated)} x {len(stated)} numbers was expected"
         raise InputError(what=what, where=where, remedy=REMEDY)
     order = [names.index(name) for name in table.parameters]
     matrix = np.zeros((len(names), len(names)))

@@ -51,12 +51,12 @@ class JointElasticity(JointDeflection):
         Raises ValueError when the joints are too soft for the iteration to converge.
         """
         compliance = _per_joint(self, self.compliance, scene)
-        found = states
+        true = states
         for _ in range(MAX_ITERATIONS):
-            torques = weight_torques(scene, found)
-            before, found = found, _sum(states, [compliance * torque for torque in torques])
-            if max(np.abs(new - old).max() for new, old in zip(found, before, strict=True)) < CONVERGENCE_TOLERANCE:
-                return found
+            torques = weight_torques(scene, true)
+            before, true = true, _sum(states, [compliance * torque for torque in torques])
+            if max(np.abs(new - old).max() for new, old in zip(true, before, strict=True)) < CONVERGENCE_TOLERANCE:
+                return true
         raise ValueError(f"{self.id}: no static equilibrium; make `compliance` smaller")
 
 

@@ -238,7 +238,7 @@ class Saturation(HiddenEffect):
         return np.clip(readings, -level, level)
 
 
-# bias
+# Effects on the bias.
 
 
 @dataclass(frozen=True, kw_only=True)

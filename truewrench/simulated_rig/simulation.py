@@ -28,8 +28,6 @@ from truewrench.simulated_rig.mujoco_scene import Array, Scene, States, Track, m
 from truewrench.simulated_rig.rigs import SimulatedRig
 from truewrench.simulated_rig.sensor_effects import NOISE_MODELS, NoiseModel, Saturation, TimeDelay
 
-# Wrench of the sensor on the tool (MuJoCo inverse dynamics).
-
 
 def true_wrench(rig: SimulatedRig, hidden: Sequence[HiddenEffect], drive: CommandedMotion) -> Array:
     """True wrench (N, p) of a rig in the sign convention of its readings, with the given hidden effects."""
@@ -248,8 +246,8 @@ def static_poses(
         raise ValueError(f"poses of this rig have {rig.coordinates} coordinates; got an array of shape {q.shape}")
     time = _ticks(len(q), seconds_per_pose)
     drive = CommandedMotion.resting(q, time)
-    known = tuple(_checked(rig, e).placed(_path(rig, e, time, drive.states)) for e in hidden)
-    experiment = _Simulation(rig=rig, hidden=known)
+    placed = tuple(_checked(rig, e).placed(_path(rig, e, time, drive.states)) for e in hidden)
+    experiment = _Simulation(rig=rig, hidden=placed)
     record = experiment.wrench(drive)
     signal = SensorSignal(channels=rig.channels, record=record, before=record[:1], step=seconds_per_pose)
     wrench = experiment.through_sensor(signal)

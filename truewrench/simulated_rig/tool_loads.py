@@ -143,7 +143,7 @@ class ContactEvent(ToolLoad, TransientEffect):
         return np.asarray(np.sin(np.clip(inside, 0.0, 1.0) * np.pi / 2) ** 2)
 
 
-# not in the catalogue
+# Loads that are not in the catalogue of effects.
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -18,9 +18,6 @@ if TYPE_CHECKING:
     from distributed import Client
 
 
-# Tasks on an executor, with retries of those whose workers died.
-
-
 Work = Callable[[SurveyTask], DiagnosisOutcome]
 
 

@@ -120,12 +120,12 @@ class Survey(Tabular):
 
     def printed(self) -> list[Table | str]:
         """Counts of recordings, of verdicts and of effects added, then the remarks."""
-        count, known = len(self.rows), len(self.rows) - self.diagnosed
-        again = f", {known} of them by an earlier run" if known else ""
+        count, stored = len(self.rows), len(self.rows) - self.diagnosed
+        again = f", {stored} of them by an earlier run" if stored else ""
         parts: list[Table | str] = [f"{count} recording{'' if count == 1 else 's'}{again}", self.table]
         added = Counter(effect for row in self.rows for effect in row.outcome.added).most_common()
         parts += [Table.of(("effect", Column("added to", format="d")), added)] if added else []
-        return [text for part in (*parts, *self.remarks()) for text in (part, "")][:-1]
+        return [text for paragraph in (*parts, *self.remarks()) for text in (paragraph, "")][:-1]
 
 
 def survey(
@@ -197,14 +197,14 @@ def survey(
     progress("read the recordings")
     data = None if described is None else described.to_data()
     tasks = [SurveyTask.of(path, data, candidates, one_run=one_run) for path in paths]
-    found = _stored_outcomes(tasks, store)
-    missing = list(dict.fromkeys(task.recording for task in tasks if task.recording not in found))
+    outcomes = _stored_outcomes(tasks, store)
+    missing = list(dict.fromkeys(task.recording for task in tasks if task.recording not in outcomes))
     if missing:
         by_path = {task.recording: task for task in tasks}
         with _executor(executor, scheduler, workers, most=len(missing)) as running:
-            found |= _run_and_store([by_path[path] for path in missing], running, work, store, progress)
+            outcomes |= _run_and_store([by_path[path] for path in missing], running, work, store, progress)
     surveyed = Survey(
-        tuple(SurveyRow.of(p, found[t.recording]) for p, t in zip(paths, tasks, strict=True)), len(missing)
+        tuple(SurveyRow.of(p, outcomes[t.recording]) for p, t in zip(paths, tasks, strict=True)), len(missing)
     )
     if out is not None:
         progress("write the survey")
@@ -232,24 +232,24 @@ def _store(out: Path) -> OutcomeStore:
 
 def _stored_outcomes(tasks: Sequence[SurveyTask], store: OutcomeStore | None) -> dict[str, DiagnosisOutcome]:
     """Outcomes by recording, stored by an earlier survey."""
-    known = {} if store is None else {task.recording: store.get(task.key) for task in tasks}
-    return {recording: outcome for recording, outcome in known.items() if outcome is not None}
+    stored = {} if store is None else {task.recording: store.get(task.key) for task in tasks}
+    return {recording: outcome for recording, outcome in stored.items() if outcome is not None}
 
 
 def _run_and_store(
     tasks: Sequence[SurveyTask], executor: Executor, work: Work, store: OutcomeStore | None, progress: Progress
 ) -> dict[str, DiagnosisOutcome]:
     """Outcomes by recording; each final one is stored as soon as it is available."""
-    found: dict[str, DiagnosisOutcome] = {}
+    by_recording: dict[str, DiagnosisOutcome] = {}
     count = count_progress(progress, "recordings")
     count(0, len(tasks))
     with closing(run_tasks(tasks, executor, work)) as outcomes:  # pending tasks are cancelled on an exception
         for task, outcome in outcomes:
-            found[task.recording] = outcome
+            by_recording[task.recording] = outcome
             if store is not None and task.key is not None and outcome.final:
                 store.put(task.key, outcome)
-            count(len(found), len(tasks))
-    return found
+            count(len(by_recording), len(tasks))
+    return by_recording
 
 
 @contextmanager

@@ -31,10 +31,10 @@ from truewrench.reports.page_templates import page_templates
 from truewrench.surveying.survey_task import DiagnosisOutcome, StoredEstimate, SurveyRow, TimeSource, write_parquet
 from truewrench.text.diagnosis_text import RECORD_VERDICT_LABELS
 
+Array = NDArray[np.float64]
+
 # Time series of one quantity over recordings.
 
-
-Array = NDArray[np.float64]
 
 ADEQUATE_VERDICTS = ("nothing_missing", "explained")
 """Verdicts of an adequate model, whose stds are the whole uncertainty; with others there is systematic error too."""
@@ -84,13 +84,15 @@ def quantity_series(rows: Sequence[SurveyRow]) -> list[QuantitySeries]:
     measured: dict[DiagnosisOutcome, SurveyRow] = {}
     for row in rows_in_time_order(rows):
         measured.setdefault(replace(row.outcome, seconds=None), row)
-    found: dict[tuple[str, str, str], list[tuple[SurveyRow, StoredEstimate]]] = {}
+    by_quantity: dict[tuple[str, str, str], list[tuple[SurveyRow, StoredEstimate]]] = {}
     for row in measured.values():
         tool = () if row.outcome.tool_unknown else row.outcome.parameters
         for size in (*row.outcome.sizes, *tool):
             if size.value is not None:
-                found.setdefault((size.effect, size.parameter, size.unit), []).append((row, size))
-    several = sorted((pairs for pairs in found.values() if len(pairs) > 1), key=lambda p: (not p[0][1].effect, -len(p)))
+                by_quantity.setdefault((size.effect, size.parameter, size.unit), []).append((row, size))
+    several = sorted(
+        (pairs for pairs in by_quantity.values() if len(pairs) > 1), key=lambda p: (not p[0][1].effect, -len(p))
+    )
     return [_series(pairs) for pairs in several]
 
 
@@ -158,8 +160,8 @@ class QuantityChange:
 def significant_changes(rows: Sequence[SurveyRow]) -> list[QuantityChange]:
     """Significant changes over the recordings with an adequate model, most significant first."""
     testable = [series for series in quantity_series(rows) if _usable(series).sum() >= MIN_RECORDINGS]
-    found = [change for series in testable if (change := significant_change(series, tests=len(testable))) is not None]
-    return sorted(found, key=lambda c: c.p_value)
+    changes = [change for series in testable if (change := significant_change(series, tests=len(testable))) is not None]
+    return sorted(changes, key=lambda c: c.p_value)
 
 
 def significant_change(series: QuantitySeries, *, tests: int = 1) -> QuantityChange | None:
@@ -175,11 +177,11 @@ def significant_change(series: QuantitySeries, *, tests: int = 1) -> QuantityCha
         return None
     days, value, weight = series.days[usable], series.value[usable], series.std[usable] ** -2
     moments = [m for m, used in zip(series.moments, usable, strict=True) if used]
-    found = [_trend(days, value, weight), *(_step(days, value, weight, k) for k in range(1, count))]
-    p_values = np.array([1.0 if fit is None else _p_value(value, weight, fit) for fit in found])
+    fits = [_trend(days, value, weight), *(_step(days, value, weight, k) for k in range(1, count))]
+    p_values = np.array([1.0 if fit is None else _p_value(value, weight, fit) for fit in fits])
     p_values[1:] *= count - 1
     best = int(p_values.argmin())
-    p_value, levels = min(1.0, float(p_values[best]) * CHANGE_KINDS * tests), found[best]
+    p_value, levels = min(1.0, float(p_values[best]) * CHANGE_KINDS * tests), fits[best]
     if p_value >= LEVELS.drift_of_survey or levels is None:
         return None
     kind, place = (ChangeKind.STEP, (best - 1, best)) if best else (ChangeKind.TREND, (0, -1))
@@ -204,7 +206,7 @@ def _step(days: Array, value: Array, weight: Array, place: int) -> Array | None:
     """Weighted means before and from recording `place` on, (n,); None where its time equals that of the one before."""
     if days[place] == days[place - 1]:
         return None
-    means = [np.average(value[part], weights=weight[part]) for part in (slice(place), slice(place, None))]
+    means = [np.average(value[side], weights=weight[side]) for side in (slice(place), slice(place, None))]
     return np.repeat(means, [place, len(value) - place])
 
 
@@ -308,12 +310,12 @@ def _draw_verdicts(axes: Axes, rows: Sequence[SurveyRow], labels: Mapping[str, s
 def _draw_errors(axes: Axes, rows: Sequence[SurveyRow], channel: str) -> None:
     """Error with the rigid tool and with the effects added, of the channel that is the worst in most recordings."""
     pairs = [(row.moment, c) for row in rows for c in row.outcome.channels if c.channel == channel]
-    known = [(m, c.before, c.after) for m, c in pairs if c.before is not None and c.after is not None]
+    measured = [(m, c.before, c.after) for m, c in pairs if c.before is not None and c.after is not None]
     kind = "systematic error" if all(c.systematic_after is not None for _, c in pairs) else "error"
     panel_title(axes, axis_label(f"{kind} in {channel}", pairs[0][1].unit))
-    time = date2num([moment for moment, _, _ in known])
-    axes.plot(time, [before for _, before, _ in known], "o", color=MISFIT_COLOUR, ms=3.6, label="rigid tool")
-    added = [after for _, _, after in known]
+    time = date2num([moment for moment, _, _ in measured])
+    axes.plot(time, [before for _, before, _ in measured], "o", color=MISFIT_COLOUR, ms=3.6, label="rigid tool")
+    added = [after for _, _, after in measured]
     axes.plot(time, added, "o", color=ADEQUATE_COLOUR, ms=3.6, label="with the effects added")
     axes.set_ylim(bottom=0)
     axes.legend(**LEGEND, ncols=2, loc="lower right", bbox_to_anchor=(1.0, 0.96))
@@ -322,12 +324,12 @@ def _draw_errors(axes: Axes, rows: Sequence[SurveyRow], channel: str) -> None:
 def _draw_quantity(axes: Axes, series: QuantitySeries, change: QuantityChange | None) -> None:
     """A quantity with its std, hollow where the model is not adequate, and the line of its change."""
     panel_title(axes, axis_label("m, the tool's mass" if series.name == "m" else series.name, series.unit))
-    time, known = date2num(series.moments), np.isfinite(series.std)
+    time, has_std = date2num(series.moments), np.isfinite(series.std)
     for adequate, face in ((True, INK), (False, "white")):
-        part = series.trusted == adequate
-        shown = part & known
+        of_kind = series.trusted == adequate
+        shown = of_kind & has_std
         axes.errorbar(time[shown], series.value[shown], series.std[shown], fmt="none", ecolor=FAINT, elinewidth=1.6)
-        axes.plot(time[part], series.value[part], "o", color=INK, mfc=face, ms=3.6, mew=0.8)
+        axes.plot(time[of_kind], series.value[of_kind], "o", color=INK, mfc=face, ms=3.6, mew=0.8)
     if change is not None:
         moments, levels = zip(*_levels(change), strict=True)
         axes.plot(date2num(moments), levels, color=MISFIT_COLOUR, lw=1.4, zorder=3)
@@ -441,16 +443,16 @@ def survey_headline(rows: Sequence[SurveyRow]) -> str:
 
 def time_sentence(rows: Sequence[SurveyRow]) -> str:
     """Sources of the recording times."""
-    known = [row.time.source for row in rows if row.time is not None]
-    sources = {source: known.count(source) for source in TimeSource if source in known}
+    timed = [row.time.source for row in rows if row.time is not None]
+    sources = {source: timed.count(source) for source in TimeSource if source in timed}
     sources_text = {
         TimeSource.FILE_NAME: "from the file name",
         TimeSource.MODIFICATION: "from the modification time of the file, as its name has none (marked ~)",
     }
     parts = [f"{count} {sources_text[source]}" for source, count in sources.items()]
-    without = len(rows) - len(known)
+    without = len(rows) - len(timed)
     parts += [f"{without} unknown, no file"] if without else []
-    excluded = len(known) - len(rows_in_time_order(rows))
+    excluded = len(timed) - len(rows_in_time_order(rows))
     note = f" Not compared with these, nor plotted: {excluded} of the other source." if excluded else ""
     return f"Local times: {'; '.join(parts)}.{note}"
 
@@ -462,8 +464,8 @@ def table_line(row: SurveyRow) -> TableLine:
     without_parameters = [
         FormattedQuantity(e, "", "") for e in outcome.added if all(size.effect != e for size in outcome.sizes)
     ]
-    known = ((s.name, s.value, inf if s.std is None else s.std, s.unit) for s in outcome.sizes)
-    sizes = [*without_parameters, *quantities(known)]
+    estimates = ((s.name, s.value, inf if s.std is None else s.std, s.unit) for s in outcome.sizes)
+    sizes = [*without_parameters, *quantities(estimates)]
     return TableLine(
         file=row.file,
         recorded=NO_VALUE if time is None else f"{time.moment:%Y-%m-%d %H:%M:%S}",

@@ -114,17 +114,19 @@ class DiagnosisOutcome:
     final: bool = True
 
     @classmethod
-    def of(cls, found: Diagnosis, *, seconds: float) -> DiagnosisOutcome:
+    def of(cls, diagnosis: Diagnosis, *, seconds: float) -> DiagnosisOutcome:
         """The outcome of a diagnosis of one recording."""
-        first, last = found.steps[0].training[0], found.steps[-1].training[0]
-        findings = {f.effect.id: f for f in found.findings}
-        tool = {n: e for n, e in found.fit.parameters.items() if "." not in n and not n.startswith(BIAS_PREFIX)}
+        first, last = diagnosis.steps[0].training[0], diagnosis.steps[-1].training[0]
+        findings = {f.effect.id: f for f in diagnosis.findings}
+        tool = {n: e for n, e in diagnosis.fit.parameters.items() if "." not in n and not n.startswith(BIAS_PREFIX)}
         return cls(
-            verdict=found.verdict.value,
-            added=found.added,
-            sizes=tuple(size for i in found.added for size in _stored_estimates(i, findings[i].parameters)),
-            parameters=tuple(replace(e, std=None) if found.tool_unknown else e for e in _stored_estimates("", tool)),
-            tool_unknown=found.tool_unknown,
+            verdict=diagnosis.verdict.value,
+            added=diagnosis.added,
+            sizes=tuple(size for i in diagnosis.added for size in _stored_estimates(i, findings[i].parameters)),
+            parameters=tuple(
+                replace(e, std=None) if diagnosis.tool_unknown else e for e in _stored_estimates("", tool)
+            ),
+            tool_unknown=diagnosis.tool_unknown,
             misfit_before=finite(first.misfit),
             misfit=finite(last.misfit),
             channels=tuple(_channels(first, last)),
@@ -134,8 +136,8 @@ class DiagnosisOutcome:
     @property
     def loudest(self) -> ChannelError | None:
         """Channel with the largest error-to-noise ratio with the rigid tool."""
-        known = [c for c in self.channels if c.before is not None and c.noise_floor]
-        return max(known, key=lambda c: (c.before or 0.0) / (c.noise_floor or 1.0), default=None)
+        compared = [c for c in self.channels if c.before is not None and c.noise_floor]
+        return max(compared, key=lambda c: (c.before or 0.0) / (c.noise_floor or 1.0), default=None)
 
 
 def _stored_estimates(effect: str, estimates: Mapping[str, Estimate]) -> list[StoredEstimate]:
@@ -200,24 +202,21 @@ class RecordingTime:
 
 def time_in(name: str) -> datetime | None:
     """The first date, with its time of day if there is one, in a file's name, in local time; None without."""
-    for found in _STAMP.finditer(name):
+    for stamp in _STAMP.finditer(name):
         for left_out in ({}, {"zone": ""}, {"hour": ""}):
             with suppress(OverflowError, ValueError):  # 20261399 is no date, and 0061 after a date no time of day
-                return _moment(found.groupdict(default="") | left_out)
+                return _moment(stamp.groupdict(default="") | left_out)
     return None
 
 
-def _moment(part: Mapping[str, str]) -> datetime:
-    text = f"{part['year']}-{part['month']}-{part['day']}"
-    if part["hour"]:
-        text += f"T{part['hour']}:{part['minute']}:{part['second'] or '00'}"
-        text += f".{part['fraction']:0<6}" if part["fraction"] else ""
-        text += part["zone"]
+def _moment(stamp: Mapping[str, str]) -> datetime:
+    text = f"{stamp['year']}-{stamp['month']}-{stamp['day']}"
+    if stamp["hour"]:
+        text += f"T{stamp['hour']}:{stamp['minute']}:{stamp['second'] or '00'}"
+        text += f".{stamp['fraction']:0<6}" if stamp["fraction"] else ""
+        text += stamp["zone"]
     moment = datetime.fromisoformat(text)
     return moment if moment.tzinfo is None else moment.astimezone().replace(tzinfo=None)
-
-
-# Row of a survey: one recording with its time and outcome.
 
 
 BY_CHANNEL = ("noise_floor", "rms_before", "rms_after", "systematic_before", "systematic_after")
@@ -405,9 +404,9 @@ def _outcome(task: SurveyTask) -> DiagnosisOutcome:
     began = perf_counter()
     try:
         if _fingerprint_or_none(Path(task.recording), task.rig, task.only, task.one_run) != task.key:
-            what = "is another file, or read by another version of truewrench, on the worker"
+            problem = "is another file, or read by another version of truewrench, on the worker"
             remedy = "survey it again, with one version and one file system for all workers"
-            return DiagnosisOutcome(error=f"{what}; {remedy}", final=False)
+            return DiagnosisOutcome(error=f"{problem}; {remedy}", final=False)
         return DiagnosisOutcome.of(_diagnosis(task), seconds=perf_counter() - began)
     except InputError as error:
         final = task.key is not None and not _is_due_to_the_machine(error)
