@@ -266,9 +266,11 @@ def test_a_planar_arm_on_the_ceiling_or_a_wall(down: Direction) -> None:
 
 
 def test_what_is_stated_is_not_decided() -> None:
-    rig = Rig(gravity_direction=(0.0, 0.0, -1.0))
+    sensor = SensorDescription(convention=Convention.ON_TOOL)
+    rig = Rig(gravity_direction=(0.0, 0.0, -1.0), sensor=sensor)
     case = Case.of(spatial(rig), [poses((1.0, 0.0, 0.0), rig=rig)])
     assert case.gravity is None
+    assert case.sign is None
     assert case.model.gravity_direction == rig.gravity_direction
 
 

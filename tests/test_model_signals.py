@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import gc
-from weakref import ref
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from estimation import model_response as module
+from estimation.recordings import motion as module
 from estimation.recordings.differentiation import Derivatives, spline_derivatives
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
@@ -33,9 +32,9 @@ def smoothed(monkeypatch: pytest.MonkeyPatch) -> list[Array]:
     """The series that were smoothed."""
     found: list[Array] = []
 
-    def smooth(series: Array, dt: float) -> Derivatives:
+    def smooth(series: Array, *options: Any) -> Derivatives:
         found.append(series[:, 0])
-        return spline_derivatives(series, dt)
+        return spline_derivatives(series, *options)
 
     monkeypatch.setattr(module, "spline_derivatives", smooth)
     return found
@@ -66,12 +65,3 @@ def test_static_poses_have_nothing_to_smooth(smoothed: list[Array]) -> None:
     assert poses.dt is None
     np.testing.assert_array_equal(poses.motion.model_signals["temperature"], poses.columns["temperature"])
     assert not smoothed
-
-
-def test_signals_live_as_long_as_the_recording() -> None:
-    recording = warming()
-    gone = ref(recording)
-    recording.motion.model_signals["temperature"]
-    del recording
-    gc.collect()
-    assert gone() is None

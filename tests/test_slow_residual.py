@@ -196,7 +196,7 @@ def test_it_is_never_nothing_missing() -> None:
     found = diagnosed(0.0)
     assert found.verdict is RecordVerdict.UNEXPLAINED
     assert found.unexplained is not None
-    assert "a slow change remains on run: fx" in found.unexplained.where
+    assert "a slow change remains on run.csv: fx" in found.unexplained.where
     assert found.to_data()["slow_residual"][0]["misfit"]
 
 
