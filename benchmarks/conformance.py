@@ -1,8 +1,8 @@
 """Every effect of the catalogue against every check that it has to keep: `python -m benchmarks.conformance`.
 
-The checks are those of the tests (tests/effects); a failing one says why below the table. `unseen` are the parameters
-of an effect that the case's motion does not show, as the refit itself says; `-` is where a check does not apply: no
-simulated rig has the effect, or no code is emitted for what belongs to one recording.
+The checks are those of the tests (tests/modeling/effects); a failing one says why below the table. `unseen` are the
+parameters of an effect that the case's motion does not show, as the refit itself says; `-` is where a check does not
+apply: no simulated rig has the effect, or no code is emitted for what belongs to one recording.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from dataclasses import dataclass
 
 from estimation.fit import Fit
 from modeling.table import Table
-from tests.effects.cases import CASES, Case
-from tests.effects.checks import CHECKS, c_agrees, emitted
-from tests.effects.same_physics import same_physics_as_mujoco, simulated_too
+from tests.modeling.effects.cases import CASES, Case
+from tests.modeling.effects.checks import CHECKS, c_agrees, emitted
+from tests.modeling.effects.same_physics import same_physics_as_mujoco, simulated_too
 
 SPACES = {"PLANE": "plane", "SPACE": "six axes"}
 

@@ -22,10 +22,10 @@ from modeling.chain.model import planar
 from modeling.effects import named
 from modeling.effects.loads import ViscousDrag
 from modeling.rig import Limits, Rig
+from tests.shared.places import ROOT
 from truewrench import simulated_rig
 from truewrench.simulated_rig import PlanarRig, simulate
 
-ROOT = Path(__file__).parents[1]
 MAP = ROOT / "ARCHITECTURE.md"
 DECISIONS = sorted((ROOT / "docs" / "decisions").glob("*.md"))
 

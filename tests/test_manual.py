@@ -22,10 +22,10 @@ from docs.generator.terminal import terminal
 from modeling.chain.model import planar
 from modeling.effects import CATALOGUE, catalogue
 from modeling.rig import Rig
+from tests.shared.places import ROOT
 from truewrench.command_line import COMMANDS
 from truewrench.simulated_rig import HIDDEN_EFFECTS
 
-ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 PAGES = sorted(page for page in DOCS.rglob("*.md") if not {"generated", "generator"} & set(page.parts))
 IDS = [effect.id for effect in CATALOGUE]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import os
 import runpy
 import sys
 from pathlib import Path
@@ -13,12 +12,12 @@ import numpy as np
 import pytest
 
 from diagnosis.verdict_rule import RecordVerdict
+from tests.shared.places import DATA, ROOT
 
 pytest.importorskip("mujoco")
 
-FOLDER = Path(__file__).parents[1] / "notebooks"
+FOLDER = ROOT / "notebooks"
 NOTEBOOKS = sorted((FOLDER / "source").glob("*.py"))
-DATA = Path(os.environ.get("TRUEWRENCH_DATA") or Path(__file__).parents[2] / "shared" / "data")
 
 
 def first_diagnosis(names: dict[str, Any]) -> None:

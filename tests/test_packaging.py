@@ -16,8 +16,8 @@ import pytest
 
 import truewrench as tw
 from docs.generator.dependency_table import FILE, dependency_file, dependency_table
+from tests.shared.places import ROOT
 
-ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 BUILD = "import sys; from setuptools import build_meta; getattr(build_meta, sys.argv[1])(sys.argv[2])"
 COMPATIBLE = ("MIT", "BSD", "Apache", "PSF", "Python Software Foundation", "LGPL", "any-OSI")

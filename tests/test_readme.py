@@ -14,6 +14,7 @@ import pytest
 
 from diagnosis.verdict_rule import RecordVerdict
 from modeling.rig import Rig
+from tests.shared.places import ROOT
 from truewrench.command_line import main
 from truewrench.commands import diagnose
 from truewrench.files import demonstration
@@ -21,7 +22,7 @@ from truewrench.simulated_rig import HIDDEN_EFFECTS, ContactEvent, PlanarRig, si
 
 pytest.importorskip("mujoco")
 
-README = Path(__file__).parents[1] / "README.md"
+README = ROOT / "README.md"
 TEXT = README.read_text(encoding="utf-8")
 COMMANDS = {"calibrate", "compare", "compensate", "design", "diagnose", "effects", "emit", "fit", "survey"}
 PUSH = ContactEvent(start=6.0, end=8.0)

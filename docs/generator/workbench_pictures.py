@@ -8,7 +8,7 @@ from pathlib import Path
 from playwright.sync_api import Page
 
 from docs.generator.example_recordings import write_rig, write_run
-from tests.workbench.browser import browser, idle, ready, workbench
+from tests.truewrench.workbench.browser import browser, idle, ready, workbench
 from truewrench.simulated_rig import ViscousDrag
 
 PICTURES = Path(__file__).parents[1] / "static"

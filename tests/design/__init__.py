@@ -1,0 +1,1 @@
+"""Tests of `design`: criteria, limits, motions and the search for them."""

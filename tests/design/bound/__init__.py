@@ -1,0 +1,1 @@
+"""Tests of `design.bound`: what no motion can exceed."""

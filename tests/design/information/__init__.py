@@ -1,0 +1,1 @@
+"""Tests of `design.information`: what a motion says of the parameters."""

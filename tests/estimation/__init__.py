@@ -1,0 +1,1 @@
+"""Tests of `estimation`: fits of every kind, at once and in chunks, and their intervals."""

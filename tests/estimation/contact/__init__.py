@@ -1,0 +1,1 @@
+"""Tests of `estimation.contact`: contact wrenches, points and detection."""

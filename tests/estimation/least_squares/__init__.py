@@ -1,0 +1,1 @@
+"""Tests of `estimation.least_squares`: minimisation, with and without constraints."""

@@ -1,0 +1,1 @@
+"""Tests of `estimation.noise`: spectra, whitening, tones and events."""

@@ -1,0 +1,1 @@
+"""Tests of `estimation.reading`: logs of every format, and their authors' mistakes."""

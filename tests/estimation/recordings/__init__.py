@@ -1,0 +1,1 @@
+"""Tests of `estimation.recordings`: signals, derivatives, periods and repeats."""

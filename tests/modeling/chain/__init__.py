@@ -1,0 +1,1 @@
+"""Tests of `modeling.chain`: regressors, stages and the pseudo-inertia."""

@@ -1,0 +1,1 @@
+"""Tests of `modeling.codegen`: emitted code, and the tool as robots take it."""

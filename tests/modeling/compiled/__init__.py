@@ -1,0 +1,1 @@
+"""Tests of `modeling.compiled`: expressions as programs, their derivatives and their store."""

@@ -1,0 +1,1 @@
+"""Tests of `modeling.dynamics`: what has memory."""

@@ -1,0 +1,1 @@
+"""Tests of `modeling.formulas`: effects of one's own, as text."""

@@ -1,0 +1,1 @@
+"""Tests of `modeling.kinematics`: planar and spatial arms."""

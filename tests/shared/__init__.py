@@ -1,0 +1,1 @@
+"""What tests share: rigs, recordings, places of data, writers of logs, emitted code."""

@@ -1,0 +1,1 @@
+"""Tests of `truewrench`: commands, results, files, reports, surveys and the simulated rig."""

@@ -1,0 +1,1 @@
+"""Tests of single commands: words, files, JSON and exit codes."""

@@ -1,0 +1,1 @@
+"""Tests of `truewrench.plots`: figures that are true and whole."""

@@ -1,0 +1,1 @@
+"""Tests of `truewrench.text`: sentences about tools and verdicts."""
