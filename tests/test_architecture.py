@@ -17,12 +17,13 @@ from design.trajectory_design import design
 from diagnosis.diagnosis import diagnose
 from diagnosis.verdict.finding import EFFECT_RULES, EffectRule
 from diagnosis.verdict_rule import EffectVerdict, VerdictRule
-from estimation.recordings.reading import from_columns
 from modeling.chain.model import planar
 from modeling.effects import named
 from modeling.effects.loads import ViscousDrag
 from modeling.rig import Limits, Rig
 from tests.shared.places import ROOT
+from tests.shared.recordings import recording_of
+from tests.shared.rigs import RIG
 from truewrench import simulated_rig
 from truewrench.simulated_rig import PlanarRig, simulate
 
@@ -57,21 +58,19 @@ class HoseDrag(ViscousDrag):
 def test_an_effect_from_outside_is_found() -> None:
     """The data are MuJoCo's; the new class replaces the catalogue's, among others that are not there."""
     pytest.importorskip("mujoco")
-    rig = Rig.from_data({"robot": {"link_lengths": list(PlanarRig().link_lengths), "tip_length": 0.2}})
     hidden = (simulated_rig.ViscousDrag(),)
     frame = simulate(
         PlanarRig(), PlanarRig().random_motion(seed=5), hidden=hidden, repeats=4, samples_per_period=200, seed=5
     )
-    recording = from_columns({str(c): frame[c].to_numpy() for c in frame.columns}, rig=rig)
-    found = diagnose(planar(rig), recording, effects=[HoseDrag(), named("sensor_lag"), named("gravity_tilt")])
+    recording = recording_of(frame, rig=RIG)
+    found = diagnose(planar(RIG), recording, effects=[HoseDrag(), named("sensor_lag"), named("gravity_tilt")])
     assert found.added == ("hose_drag",)
 
 
 def test_a_verdict_rule_from_outside_is_asked_in_order() -> None:
     """The same evidence on the same noise: a rule before the others decides, and after them none of it is left."""
-    rig = Rig.from_data({"robot": {"link_lengths": list(PlanarRig().link_lengths), "tip_length": 0.2}})
     frame = simulate(PlanarRig(), PlanarRig().random_motion(seed=5), repeats=4, samples_per_period=200, seed=5)
-    recording = from_columns({str(c): frame[c].to_numpy() for c in frame.columns}, rig=rig)
+    recording = recording_of(frame, rig=RIG)
     unloaded: EffectRule = VerdictRule(
         "no drag in the laboratory's vacuum",
         lambda evidence: evidence.screening.effect.id == "viscous_drag",
@@ -80,7 +79,7 @@ def test_a_verdict_rule_from_outside_is_asked_in_order() -> None:
     )
     effects = [named("viscous_drag"), named("sensor_lag")]
     first, last, usual = (
-        {f.effect.id: f for f in diagnose(planar(rig), recording, effects=effects, effect_rules=rules).findings}
+        {f.effect.id: f for f in diagnose(planar(RIG), recording, effects=effects, effect_rules=rules).findings}
         for rules in ((unloaded, *EFFECT_RULES), (*EFFECT_RULES, unloaded), EFFECT_RULES)
     )
     assert first["viscous_drag"].verdict is EffectVerdict.NOT_EXCITED

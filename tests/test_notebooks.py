@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from diagnosis.verdict_rule import RecordVerdict
-from tests.shared.places import DATA, ROOT
+from tests.shared.places import AIS2202, DATA, ROOT
 
 pytest.importorskip("mujoco")
 
@@ -205,7 +205,7 @@ def test_notebook_runs(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPat
     """In an empty folder, warnings as errors (pytest's setting here as everywhere)."""
     monkeypatch.chdir(tmp_path)
     if path.stem == "07_measured_data":
-        if not (DATA / "ais2202").is_dir():
+        if not AIS2202.is_dir():
             pytest.skip(f"no recordings at {DATA}: set TRUEWRENCH_DATA to the folder that holds `ais2202`")
         monkeypatch.setenv("TRUEWRENCH_DATA", str(DATA))
     CLAIMS[path.stem](runpy.run_path(str(path)))

@@ -45,7 +45,6 @@ from diagnosis.diagnosis import diagnose
 from diagnosis.next_experiment import next_experiment, sensor_noise_of
 from estimation.fit import fit
 from estimation.model_response import predicted_readings
-from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
 from modeling import effects
 from modeling.chain.chain import Chain
@@ -58,6 +57,7 @@ from modeling.parameter import Parameter
 from modeling.rig import Limits, Rig
 from modeling.rival_fit import fit_rival
 from modeling.space import Space
+from tests.shared.recordings import recording_of
 from truewrench import simulated_rig as simulated
 
 Array = NDArray[np.float64]
@@ -454,7 +454,7 @@ def recorded(motion: Trajectory, seed: int, repeats: int = 4) -> Recording:
         samples_per_period=SAMPLES, seed=seed,
     )  # fmt: skip
     left_out = {"temperature"}
-    return from_columns({str(n): frame[n].to_numpy(dtype=float) for n in frame if n not in left_out}, rig=RIG)
+    return recording_of(frame, without=left_out, rig=RIG)
 
 
 def chi_square(recording: Recording, effect: Effect) -> float:

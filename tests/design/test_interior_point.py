@@ -25,7 +25,8 @@ from design.trajectories.fourier import FreeSeries, PaperSeries
 from design.trajectories.spline import RestToRest, SplineSeries
 from design.trajectories.trajectory import Trajectory, TrajectorySeries
 from modeling.rig import Workspace
-from tests.design.test_optimiser import ARM, CASES, FREE, functions, objective, task
+from tests.shared.design_cases import CASES, FREE, functions, objective, task
+from tests.shared.rigs import ARM
 
 Array = NDArray[np.float64]
 SERIES = {

@@ -15,11 +15,10 @@ from design.trajectories.trajectory import Array, Trajectory, TrajectorySeries
 from modeling.errors import InputError
 from modeling.kinematics.arm import Arm, PlanarArm, SpatialArm
 from modeling.kinematics.placement import JointKind
-from modeling.kinematics.urdf import read_urdf
 from modeling.rig import Limits, Workspace
-from tests.shared.places import URDF
+from tests.shared.rigs import ARM, spatial_arm
 
-ARM, TIP = PlanarArm((1.0, 0.97, 0.4)), 0.2
+TIP = 0.2
 LIMITS = Limits(
     position=np.array([[-1.0, 0.8], [-0.5, 1.2], [-1.4, 1.4]]),
     velocity=np.array([[-2.0, 2.0], [-2.2, 1.5], [-3.0, 3.5]]),
@@ -33,8 +32,8 @@ SERIES: tuple[TrajectorySeries, ...] = (
     SplineSeries(joints=3, knots=12, period=5.0),
     RestToRest(inner=FREE, ramp=0.8),
 )
-FRAMES = {"elbow": "tool0", "seven": "l8", "slide": "sensor"}
-ARMS: tuple[Arm, ...] = (ARM, *(read_urdf(URDF / f"{name}.urdf", frame) for name, frame in FRAMES.items()))
+SPATIAL = ("elbow", "seven", "slide")
+ARMS: tuple[Arm, ...] = (ARM, *map(spatial_arm, SPATIAL))
 every_series = pytest.mark.parametrize("series", SERIES, ids=lambda series: type(series).__name__)
 
 
@@ -112,7 +111,7 @@ def test_enclosure_of_the_tip_is_tight(series: TrajectorySeries) -> None:
     assert (wide <= 5e-5 * np.ptp(tip, axis=0) / 2).all()
 
 
-@pytest.mark.parametrize("arm", ARMS, ids=["planar", *FRAMES])
+@pytest.mark.parametrize("arm", ARMS, ids=["planar", *SPATIAL])
 @pytest.mark.parametrize("seed", range(3))
 def test_tip_never_accelerates_beyond_its_bound(arm: Arm, seed: int) -> None:
     series = FreeSeries(joints=arm.joints, harmonics=(1, 2, 3), period=5.0)
@@ -129,7 +128,7 @@ def test_tip_never_accelerates_beyond_its_bound(arm: Arm, seed: int) -> None:
     assert (now <= high).all()
 
 
-@pytest.mark.parametrize("arm", ARMS, ids=["planar", *FRAMES])
+@pytest.mark.parametrize("arm", ARMS, ids=["planar", *SPATIAL])
 def test_levers_are_as_long_as_the_tip_can_get_from_each_joint(arm: Arm) -> None:
     """|dP/dq_j| is the tip's distance from the axis, or 1 of a slide: by differences, in 500 random postures."""
     series = FreeSeries(joints=arm.joints, harmonics=(1, 2), period=5.0)
@@ -150,7 +149,7 @@ def test_bound_of_the_tip_is_reached_by_a_straight_arm_that_turns_fast() -> None
 
 
 def test_a_slide_is_measured_in_metres() -> None:
-    slide = ARMS[1 + list(FRAMES).index("slide")]
+    slide = ARMS[1 + SPATIAL.index("slide")]
     n = slide.joints
     both = np.tile([-1.0, 1.0], (n, 1))
     series = FreeSeries(joints=n, harmonics=(1,), period=1.0)

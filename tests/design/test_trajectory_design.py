@@ -16,7 +16,8 @@ from design.trajectories.trajectory import TrajectorySeries
 from design.trajectory_design import DesignStage, design
 from modeling.errors import InputError
 from modeling.rig import Rig
-from tests.design.test_optimiser import ARM, LIMITS
+from tests.shared.design_cases import LIMITS
+from tests.shared.rigs import ARM
 from truewrench.reports.reported import report
 
 RIG = Rig(name="reference", link_lengths=ARM.link_lengths, tip_length=0.2, limits=LIMITS)

@@ -22,12 +22,12 @@ from diagnosis.calibrate import _results, calibrate, surrogate_noise
 from diagnosis.calibration import Calibration, Rate
 from diagnosis.diagnosis import diagnose
 from diagnosis.verdict_rule import RecordVerdict
-from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
 from modeling.chain.model import planar
 from modeling.effects import named
 from modeling.errors import InputError
-from tests.diagnosis.test_single_runs import RIG
+from tests.shared.recordings import recording_of
+from tests.shared.rigs import RIG
 from truewrench.command_line import main
 from truewrench.files.calibration_file import read_calibration, write_calibration
 from truewrench.simulated_rig import PlanarRig, ViscousDrag, simulate
@@ -50,8 +50,7 @@ def recording(repeats: int) -> Recording:
     hidden = (ViscousDrag(c=0.15, d=0.12),)
     motion = PlanarRig().random_motion(seed=5)
     frame = simulate(PlanarRig(), motion, hidden=hidden, repeats=repeats, samples_per_period=500, seed=5)
-    columns = {str(c): frame[c].to_numpy() for c in frame if repeats > 1 or c != "repeat"}
-    return from_columns(columns, name="run.csv", rig=RIG)
+    return recording_of(frame, without=() if repeats > 1 else ("repeat",), name="run.csv", rig=RIG)
 
 
 # ------------------------------------------------------------------------------------------ surrogates

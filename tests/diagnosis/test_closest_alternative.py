@@ -12,8 +12,8 @@ from diagnosis.verdict_rule import RecordVerdict
 from estimation.recordings.recording import Recording
 from modeling.chain.model import planar
 from modeling.effects import named
-from tests.diagnosis.test_given_effects import diagnosed as diagnosed_drag
-from tests.diagnosis.test_hidden_effects import RIG, recorded
+from tests.shared.recordings import recording_of
+from tests.shared.rigs import RIG
 from truewrench.simulated_rig import PlanarRig, TimeDelay, simulate
 from truewrench.text.diagnosis_text import diagnosis_text
 
@@ -29,7 +29,7 @@ def late(delay: float) -> Recording:
     frame = simulate(
         rig, rig.random_motion(seed=3), hidden=(TimeDelay(delay=delay),), repeats=4, samples_per_period=250, seed=3
     )
-    return recorded(rig, frame, "late")
+    return recording_of(frame, name="late", rig=RIG)
 
 
 @cache
@@ -47,10 +47,6 @@ def test_a_wrong_effect_that_was_given_is_not_left_alone() -> None:
     assert other.gain > 0
     assert "in the place of sensor_lag, which was given" in diagnosis_text(found)
     assert found.to_data()["given_alternatives"] == [{"given": "sensor_lag", "id": "time_delay", "gain": other.gain}]
-
-
-def test_what_is_rightly_given_has_no_alternative() -> None:
-    assert diagnosed_drag("viscous_drag", "sensor_crosstalk").given_alternatives == ()
 
 
 @pytest.mark.parametrize("delay", [0.004, 0.012, 0.02])

@@ -27,7 +27,8 @@ from modeling.chain.model import planar
 from modeling.effects.loads import ViscousDrag
 from modeling.errors import InputError
 from modeling.significance import LEVELS
-from tests.diagnosis.test_hidden_effects import RIG, recorded
+from tests.shared.recordings import recording_of
+from tests.shared.rigs import RIG
 from truewrench import simulated_rig
 from truewrench.simulated_rig import HiddenEffect, Magnet, PlanarRig, SensorHysteresis, SensorLag, simulate
 
@@ -73,7 +74,7 @@ def simulated(*hidden: HiddenEffect, seed: int, repeats: int = 4, samples: int =
     rig = PlanarRig()
     frame = simulate(rig, rig.random_motion(seed=seed), hidden=hidden, repeats=repeats, samples_per_period=samples,
                      seed=seed)  # fmt: skip
-    return recorded(rig, frame if repeats > 1 else frame.drop(columns="repeat"), "train")
+    return recording_of(frame, without=() if repeats > 1 else ("repeat",), name="train", rig=RIG)
 
 
 def watched(

@@ -20,11 +20,12 @@ from diagnosis.diagnosis import diagnose
 from diagnosis.screening.score_test import adjusted_p_values, screen
 from diagnosis.verdict_rule import RecordVerdict
 from estimation.fit import fit
-from estimation.recordings.reading import from_columns, read
+from estimation.recordings.reading import read
 from modeling.chain.model import planar, spatial
 from modeling.effects import catalogue
-from modeling.rig import Rig
 from modeling.significance import LEVELS
+from tests.shared.recordings import recording_of
+from tests.shared.rigs import RIG
 from truewrench.simulated_rig import (
     AutoregressiveNoise,
     ContactEvent,
@@ -43,7 +44,6 @@ from truewrench.simulated_rig import (
 
 pytest.importorskip("mujoco")
 
-RIG = Rig.from_data({"robot": {"link_lengths": list(PlanarRig().link_lengths), "tip_length": 0.2}})
 RECORDINGS = 12
 ALLOWED = int(binom.ppf(0.99, RECORDINGS, LEVELS.effect))
 """One of 12; more come with probability 0.6 % where the rate is 1 %."""
@@ -63,7 +63,7 @@ def alarms(noise: NoiseModel, recordings: int = RECORDINGS) -> Alarms:
     for seed in range(recordings):
         motion = PlanarRig().random_motion(seed=seed)
         frame = simulate(PlanarRig(), motion, repeats=4, samples_per_period=250, noise=noise, seed=1000 + seed)
-        rigid = fit(planar(RIG), from_columns({c: frame[c].to_numpy() for c in frame.columns}, rig=RIG))
+        rigid = fit(planar(RIG), recording_of(frame, rig=RIG))
         adjusted = adjusted_p_values(screen(rigid, catalogue(rigid.model.space)))
         found = min(adjusted, key=lambda effect_id: adjusted[effect_id])
         named += [found] if adjusted[found] < LEVELS.effect else []

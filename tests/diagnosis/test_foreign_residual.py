@@ -17,7 +17,7 @@ from modeling.chain.effect import Effect
 from modeling.chain.model import planar
 from modeling.effects import viscous_drag
 from modeling.formulas.custom_effect import CustomEffect
-from tests.diagnosis.test_single_runs import run
+from tests.shared.recordings import single_run
 from truewrench.simulated_rig import HiddenEffect, ViscousDrag
 
 pytest.importorskip("mujoco")
@@ -36,7 +36,7 @@ def with_effect(recording: Recording, effect: Effect) -> CandidateModel:
 
 def held(seed: int, *hidden: HiddenEffect) -> Recording:
     """A single run; a hand turns the tool, slowly and at random, with several times the torque of its weight."""
-    recording, rng = run(seed, *hidden), np.random.default_rng(seed)
+    recording, rng = single_run(seed, *hidden), np.random.default_rng(seed)
     numerator, denominator = butter(2, 0.01)
     torque = lfilter(numerator, denominator, rng.normal(size=recording.samples + 500))[500:]
     wrench = recording.wrench.copy()
@@ -71,4 +71,4 @@ def test_effect_that_explains_most_of_a_channel_is_kept() -> None:
 def test_without_a_foreign_residual_nothing_is_rejected() -> None:
     """Neither what is there nor what was only fitted: other rules decide on that."""
     for hidden in ((), (ViscousDrag(c=0.3, d=0.12),)):
-        assert effect_of_foreign_residual(with_effect(run(3100, *hidden), viscous_drag())) is None
+        assert effect_of_foreign_residual(with_effect(single_run(3100, *hidden), viscous_drag())) is None

@@ -10,36 +10,24 @@ import pytest
 
 from diagnosis.diagnosis import Diagnosis, diagnose
 from diagnosis.verdict_rule import RecordVerdict
-from estimation.recordings.recording import Recording
 from modeling.chain.model import planar
 from modeling.effects import named
-from tests.diagnosis.test_hidden_effects import RIG, recorded
+from tests.shared.recordings import CANDIDATES, DRAG, drag_and_leak
+from tests.shared.rigs import RIG
 from truewrench.command_line import main
 from truewrench.commands.effect_choice import candidate_effects
-from truewrench.simulated_rig import PlanarRig, SensorCrosstalk, ViscousDrag, simulate
 from truewrench.text.diagnosis_text import diagnosis_text
 
 pytest.importorskip("mujoco")
 
-DRAG, LEAK = ViscousDrag(c=0.15, d=0.12), SensorCrosstalk(leaks=(("fy", "fx", 0.04),))
-CANDIDATES = ("viscous_drag", "sensor_crosstalk", "com_offset")
 STANDARD_DEVIATIONS = 4.0
 """Of an estimate from the truth: one in 16 000 is farther."""
 
 
 @cache
-def simulated(motion: int) -> Recording:
-    """A rig with a drag and a leak between channels."""
-    rig = PlanarRig()
-    moved = rig.random_motion(seed=motion)
-    frame = simulate(rig, moved, hidden=(DRAG, LEAK), repeats=4, samples_per_period=250, seed=motion)
-    return recorded(rig, frame, f"motion {motion}")
-
-
-@cache
 def diagnosed(*given: str) -> Diagnosis:
     model = planar(RIG) + [named(i) for i in given]
-    return diagnose(model, simulated(1), validate=simulated(501), effects=[named(i) for i in CANDIDATES])
+    return diagnose(model, drag_and_leak(1), validate=drag_and_leak(501), effects=[named(i) for i in CANDIDATES])
 
 
 def test_the_rest_is_found_beside_what_is_given() -> None:
@@ -69,6 +57,10 @@ def test_nothing_more_is_missing() -> None:
     assert text.startswith("Nothing more is missing: the residual of the rigid tool + viscous_drag + sensor_crosstalk")
     assert "Given viscous_drag" in text
     assert json.loads(json.dumps(found.to_data()))["given"] == ["viscous_drag", "sensor_crosstalk"]
+
+
+def test_what_is_rightly_given_has_no_alternative() -> None:
+    assert diagnosed("viscous_drag", "sensor_crosstalk").given_alternatives == ()
 
 
 def test_candidates_are_chosen_by_id() -> None:

@@ -10,15 +10,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
 
-import pandas as pd
 import pytest
 
 from diagnosis.diagnosis import Diagnosis, diagnose
 from diagnosis.verdict_rule import RecordVerdict
-from estimation.recordings.reading import from_columns
-from estimation.recordings.recording import Recording
 from modeling.chain.model import planar, spatial
-from modeling.rig import Rig
+from tests.shared.recordings import recording_of
+from tests.shared.rigs import RIG, described
 from truewrench import simulated_rig
 from truewrench.simulated_rig import (
     Buoyancy,
@@ -42,7 +40,6 @@ from truewrench.simulated_rig import (
 
 pytest.importorskip("mujoco")
 
-RIG = Rig.from_data({"robot": {"link_lengths": list(PlanarRig().link_lengths), "tip_length": 0.2}})
 STANDARD_DEVIATIONS = 4.0
 REPEATS, SAMPLES = 4, 250
 
@@ -57,19 +54,13 @@ class Hidden:
     seed: int = 1
 
 
-def recorded(rig: simulated_rig.SimulatedRig, frame: pd.DataFrame, name: str) -> Recording:
-    columns = {c: frame[c].to_numpy() for c in frame.columns}
-    return from_columns(columns, name=name, rig=RIG if isinstance(rig, PlanarRig) else None)
-
-
 @cache
 def diagnosed(hidden: Hidden) -> Diagnosis:
     """Diagnosed from one motion and validated on another, on which nobody pushes."""
     rig, seed = hidden.rig, hidden.seed
     lasting = () if isinstance(hidden.effect, ContactEvent) else (hidden.effect,)
     recordings = [
-        recorded(
-            rig,
+        recording_of(
             simulate(
                 rig,
                 rig.random_motion(seed=motion),
@@ -78,7 +69,8 @@ def diagnosed(hidden: Hidden) -> Diagnosis:
                 samples_per_period=SAMPLES,
                 seed=1000 + motion,
             ),
-            name,
+            name=name,
+            rig=described(rig),
         )
         for name, motion, effects in (("train", seed, (hidden.effect,)), ("validate", seed + 500, lasting))
     ]

@@ -1,6 +1,6 @@
 """The measured recordings of a KUKA LBR Med 14 with an ATI Gamma and an unknown tool (Skrede, Zenodo 11096791).
 
-They lie at TRUEWRENCH_DATA, or else at ../shared/data beside the repository; without them these tests are skipped.
+Without them these tests are skipped.
 What is known of them is a mass of 0.934 ± 0.003 kg and a centre of mass at (0.3, 0.1, 43.9) mm from the poses.
 """
 
@@ -22,14 +22,10 @@ from modeling.chain.model import spatial
 from modeling.effects import named
 from modeling.errors import InputError
 from modeling.rig import Convention, Rig
-from tests.shared.places import DATA
+from tests.shared.places import AIS2202, needs
 from truewrench.text.tool_text import BIASED, tool_text
 
-AIS2202 = DATA / "ais2202"
-
-pytestmark = pytest.mark.skipif(
-    not AIS2202.is_dir(), reason=f"no recordings at {AIS2202}: set TRUEWRENCH_DATA to the folder that holds `ais2202`"
-)
+pytestmark = needs(AIS2202)
 
 KNOWN_MASS = 0.934
 

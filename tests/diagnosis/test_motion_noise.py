@@ -26,6 +26,7 @@ from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
 from modeling.chain.model import spatial
 from modeling.rig import SPATIAL_CHANNELS, Rig
+from tests.shared.recordings import recording_of
 from truewrench.command_line import main
 from truewrench.simulated_rig import (
     CableSpring,
@@ -59,7 +60,7 @@ def run(samples: int, harmonics: int, seed: int = 1) -> pd.DataFrame:
 
 
 def recorded(frame: pd.DataFrame, rig: Rig | None = STATED) -> Recording:
-    return from_columns({str(c): frame[c].to_numpy() for c in frame}, name="run.csv", rig=rig)
+    return recording_of(frame, name="run.csv", rig=rig)
 
 
 def noisy(frame: pd.DataFrame, radians: float, metres: float, seed: int) -> pd.DataFrame:

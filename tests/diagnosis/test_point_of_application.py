@@ -25,7 +25,6 @@ from diagnosis.subset_search import with_offsets_tested
 from diagnosis.verdict_rule import RecordVerdict
 from estimation.case import Case
 from estimation.fit import Fit, fit, refit
-from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
 from modeling import effects
 from modeling.chain.effect import Effect
@@ -35,6 +34,7 @@ from modeling.effects.loads import PointEffect
 from modeling.errors import InputError
 from modeling.rig import Rig
 from modeling.space import Space
+from tests.shared.recordings import recording_of
 from truewrench import simulated_rig as simulated
 from truewrench.files.model_file import ModelFile
 from truewrench.text.diagnosis_text import diagnosis_text
@@ -71,7 +71,7 @@ def recorded(*present: simulated.HiddenEffect, seed: int, samples: int = 250) ->
     frame = simulated.simulate(
         RIG, RIG.random_motion(seed=seed), hidden=present, repeats=4, samples_per_period=samples, seed=1000 + seed
     )
-    return from_columns({str(name): frame[name].to_numpy() for name in frame}, rig=SIX_AXES, name=f"motion {seed}")
+    return recording_of(frame, rig=SIX_AXES, name=f"motion {seed}")
 
 
 @cache

@@ -1,6 +1,6 @@
 """The recordings that come with the project's data, diagnosed as a user would.
 
-They lie at TRUEWRENCH_DATA, or else at ../shared/data beside the repository; without them these tests are skipped.
+Without them these tests are skipped.
 """
 
 from __future__ import annotations
@@ -15,13 +15,11 @@ from diagnosis.verdict_rule import RecordVerdict
 from estimation.recordings.reading import read
 from modeling.chain.model import planar
 from modeling.rig import Rig
-from tests.shared.places import DATA
+from tests.shared.places import DATA, needs
 
 PLANAR = DATA / "planar"
 
-pytestmark = pytest.mark.skipif(
-    not PLANAR.is_dir(), reason=f"no recordings at {PLANAR}: set TRUEWRENCH_DATA to the folder that holds `planar`"
-)
+pytestmark = needs(PLANAR)
 
 
 @lru_cache

@@ -28,18 +28,18 @@ from diagnosis.verdict.selection_step import SelectionStep, explainable_power_by
 from diagnosis.verdict_rule import RecordVerdict
 from estimation.fit import Fit, fit
 from estimation.model_response import predicted_readings
-from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
 from modeling.chain.effect import Effect
 from modeling.chain.model import planar, spatial
 from modeling.effects import named, viscous_drag
 from modeling.rig import Convention, Rig
 from modeling.significance import LEVELS
+from tests.shared.recordings import FEW, recording_of, single_run
+from tests.shared.rigs import RIG
 from truewrench.simulated_rig import (
     AutoregressiveNoise,
     BiasDrift,
     GravityTilt,
-    HiddenEffect,
     NoiseModel,
     PinkNoise,
     PlanarRig,
@@ -53,24 +53,15 @@ pytest.importorskip("mujoco")
 
 NOISE = dict(zip(("fx", "fy", "tau"), PlanarRig().noise, strict=True))
 ROBOT = {"link_lengths": list(PlanarRig().link_lengths), "tip_length": 0.2}
-RIG = Rig.from_data({"robot": ROBOT})
 STATED = Rig.from_data({"robot": ROBOT, "sensor": {"noise": NOISE}})
 SMALL = ViscousDrag(c=0.02, d=0.12)
 TINY = ViscousDrag(c=0.01, d=0.12)
 """Some per cent of the RMS, which noise makes up; the strength is about 180 in whitened terms."""
-FEW = tuple(named(i) for i in ("viscous_drag", "quadratic_drag", "sensor_lag", "time_delay", "gravity_tilt"))
-"""Candidates enough to be wrong with."""
-
-
-def run(seed: int, *hidden: HiddenEffect, noise: NoiseModel | str = "white", rig: Rig = RIG) -> Recording:
-    motion = PlanarRig().random_motion(seed=seed)
-    frame = simulate(PlanarRig(), motion, hidden=hidden, repeats=1, samples_per_period=1000, noise=noise, seed=seed)
-    return from_columns({str(c): frame[c].to_numpy() for c in frame if c != "repeat"}, name="run.csv", rig=rig)
 
 
 @cache
 def diagnosed(seed: int) -> Diagnosis:
-    return diagnose(planar(RIG), run(seed, SMALL), effects=FEW)
+    return diagnose(planar(RIG), single_run(seed, SMALL), effects=FEW)
 
 
 def with_drag(recording: Recording) -> tuple[CandidateModel, CandidateModel]:
@@ -84,7 +75,7 @@ def test_the_smallest_p_value_of_sign_flips_is_said_to_be_a_bound() -> None:
 
     With fewer than 12 blocks the test could not reject at the level of held-out recordings.
     """
-    recording = run(3009, ViscousDrag(c=0.6, d=0.12))
+    recording = single_run(3009, ViscousDrag(c=0.6, d=0.12))
     found = compare(fit(planar(recording.rig), recording))
     assert 2 / 4096 == found.smallest_lack_of_fit <= found.lack_of_fit < 0.01
     assert found.smallest_lack_of_fit < LEVELS.held_out
@@ -111,7 +102,7 @@ def slow_run(seed: int) -> Recording:
     tool, hidden = SpatialRig(), (ViscousDrag(c=0.8), GravityTilt(tilt_x=0.02, tilt_y=-0.03))
     motion = tool.random_motion(seed=seed, period=20.0)
     frame = simulate(tool, motion, hidden=hidden, repeats=1, samples_per_period=2500, seed=seed)
-    return from_columns({str(c): frame[c].to_numpy() for c in frame if c != "repeat"}, name="run.csv", rig=Rig())
+    return recording_of(frame, without=("repeat",), name="run.csv", rig=Rig())
 
 
 @pytest.mark.parametrize("seed", [pytest.param(3100, marks=pytest.mark.long), 3101])
@@ -134,7 +125,7 @@ def test_one_of_two_effects_explains_a_part() -> None:
 @pytest.mark.parametrize("noise", ["white", AutoregressiveNoise(rho=0.95)], ids=["white", "ar95"])
 def test_noise_alone_lacks_nothing(noise: NoiseModel | str) -> None:
     """At 1 % for an effect and 1 % for lack of fit, one of the two tests fails for 1 choice of seeds in 25."""
-    result = diagnose(planar(RIG), run(3000, noise=noise), effects=FEW)
+    result = diagnose(planar(RIG), single_run(3000, noise=noise), effects=FEW)
     assert result.added == ()
     assert result.verdict is RecordVerdict.NOTHING_MISSING
 
@@ -150,15 +141,14 @@ def test_slow_noise_is_no_lack_of_fit() -> None:
     for seed in seeds:
         motion = tool.random_motion(seed=seed, period=15.0)
         frame = simulate(tool, motion, repeats=1, samples_per_period=1500, noise=PinkNoise(tones=()), seed=seed)
-        columns = {str(c): frame[c].to_numpy() for c in frame if c != "repeat"}
-        fitted = fit(model, from_columns(columns, name="run", rig=Rig.from_data({})))
+        fitted = fit(model, recording_of(frame, without=("repeat",), name="run", rig=Rig.from_data({})))
         alarms += compare(fitted).lack_of_fit < 0.05
     assert alarms <= binom.isf(1e-3, len(seeds), 0.05)
 
 
 def test_what_has_not_converged_is_not_extended(monkeypatch: pytest.MonkeyPatch) -> None:
     """A score test needs a minimum. All that is significant in round one is tried, and none of it in round two."""
-    recording = run(3000, ViscousDrag(c=0.3, d=0.12), SensorLag(time_constant=0.02))
+    recording = single_run(3000, ViscousDrag(c=0.3, d=0.12), SensorLag(time_constant=0.02))
     base = fit(planar(RIG), recording)
     pairs = [len(ids) for ids in search_subsets(base, FEW).tried]
     exact = subset_search.refit_with_effect
@@ -202,7 +192,7 @@ def test_a_drag_beside_a_drift_explains_a_part(seed: int) -> None:
 
 def test_noise_is_no_part_of_what_can_be_explained() -> None:
     """A right effect takes most of what can be explained, though hardly any of the raw RMS."""
-    base, best = with_drag(run(3000, TINY))
+    base, best = with_drag(single_run(3000, TINY))
     steps = selection_steps(SubsetSearch(base, best), best, ())
     before, after = (s.training[0].rms for s in (steps[0], steps[-1]))
     assert all(after[c] > 0.9 * before[c] for c in before)
@@ -219,7 +209,7 @@ def test_the_gain_of_each_fit_is_computed_once(monkeypatch: pytest.MonkeyPatch) 
         return cross_validated_gain(whole, number, residual)
 
     monkeypatch.setattr(comparison, "cross_validated_gain", counted)
-    recording = run(3000, ViscousDrag(c=0.6, d=0.12), noise=PinkNoise(tones=()))
+    recording = single_run(3000, ViscousDrag(c=0.6, d=0.12), noise=PinkNoise(tones=()))
     found = diagnose(planar(RIG), recording, effects=FEW)
     assert found.added == ("viscous_drag",)
     assert len({id(whole) for whole in asked}) == len(asked) > 1
@@ -231,7 +221,7 @@ def test_explainable_power_is_that_of_the_effect() -> None:
     The chi-square has the standard deviation sqrt(2 rows + 4 lambda); 4 of them.
     """
     hidden = ViscousDrag(c=0.3, d=0.12)
-    recording = run(3000, hidden, rig=STATED)
+    recording = single_run(3000, hidden, rig=STATED)
     base, best = with_drag(recording)
     fitted = best.fit
     truth = fitted.theta.copy()
@@ -254,7 +244,7 @@ def test_explainable_power_is_that_of_the_effect() -> None:
 
 def test_sets_are_compared_in_one_noise() -> None:
     """Each in its own, the rigid tip would look as good as the right set: a residual is of size one in its own unit."""
-    base, best = with_drag(run(3000, TINY))
+    base, best = with_drag(single_run(3000, TINY))
     rows = len(best.null_model.residual)
     alike = refit_effects(best, ())
     assert abs(base.null_model.cost - best.null_model.cost) < 4 * np.sqrt(2 * rows)  # the spread of a chi-square
@@ -278,7 +268,7 @@ def test_a_refit_that_stops_early_would_have_been_worse_at_its_minimum(
         return found
 
     monkeypatch.setattr(subset_search, "refit_effects", both)
-    recording = run(seed, ViscousDrag(c=0.3, d=0.12), SensorLag(time_constant=0.02))
+    recording = single_run(seed, ViscousDrag(c=0.3, d=0.12), SensorLag(time_constant=0.02))
     search_subsets(fit(planar(RIG), recording), FEW)
     assert any(found.cost > whole.cost + 1 for found, whole, _ in pairs)
     for found, whole, far in pairs:
@@ -290,7 +280,7 @@ def test_an_effect_that_hardly_removes_anything_is_no_finding_beside_other_physi
     size: float, rejected: str | None
 ) -> None:
     """A drag of some per cent of the noise, alone and beside a slow force of another body."""
-    recording = run(3000, TINY)
+    recording = single_run(3000, TINY)
     push = size * np.sin(np.linspace(0.0, 6 * np.pi, recording.samples))
     pushed = replace(recording, wrench=recording.wrench + np.outer(push, [0.0, 1.0, 0.0]))
     base, best = with_drag(pushed)
@@ -300,7 +290,9 @@ def test_an_effect_that_hardly_removes_anything_is_no_finding_beside_other_physi
 def test_share_removed_grows_with_the_effect() -> None:
     """In slow noise, which counts as what may be physics; in white noise all is removed."""
     noise = AutoregressiveNoise(rho=0.97)
-    drags = [diagnose(planar(RIG), run(3000, ViscousDrag(c=c, d=0.12), noise=noise), effects=FEW) for c in (0.03, 0.1)]
+    drags = [
+        diagnose(planar(RIG), single_run(3000, ViscousDrag(c=c, d=0.12), noise=noise), effects=FEW) for c in (0.03, 0.1)
+    ]
     small, large = (found.removed_share for found in drags)
     assert small < 0.7 < 0.9 < large
     assert diagnosed(3000).removed_share > 0.95

@@ -23,8 +23,8 @@ from modeling.effects import named
 from modeling.errors import InputError
 from modeling.formulas.python_definition import own_effect
 from modeling.significance import LEVELS
-from tests.diagnosis.test_given_effects import CANDIDATES, simulated
-from tests.diagnosis.test_hidden_effects import RIG
+from tests.shared.recordings import CANDIDATES, drag_and_leak
+from tests.shared.rigs import RIG
 from truewrench.simulated_rig import PlanarRig, ViscousDrag, simulate, write_recording
 
 pytest.importorskip("mujoco")
@@ -42,7 +42,7 @@ EFFECTS = [named(i) for i in (*CANDIDATES, "link_length_error")]
 @cache
 def first_step() -> Study:
     """Data with a drag and a leak between channels."""
-    return study(planar(RIG), simulated(1), validate=simulated(501), effects=EFFECTS)
+    return study(planar(RIG), drag_and_leak(1), validate=drag_and_leak(501), effects=EFFECTS)
 
 
 @pytest.fixture
@@ -86,8 +86,8 @@ def test_by_hand_is_as_by_itself(begun: Study) -> None:
     begun.add("viscous_drag")
     begun.add("sensor_crosstalk")
     model = planar(RIG) + named("viscous_drag") + named("sensor_crosstalk")
-    whole = fit(model, simulated(1))
-    found = diagnose(planar(RIG), simulated(1), validate=simulated(501), effects=EFFECTS)
+    whole = fit(model, drag_and_leak(1))
+    found = diagnose(planar(RIG), drag_and_leak(1), validate=drag_and_leak(501), effects=EFFECTS)
     for name, estimate in begun.fit.parameters.items():
         assert abs(whole.values[name] - estimate.value) < 0.01 * estimate.std
         assert abs(found.fit.values[name] - estimate.value) < 0.1 * estimate.std

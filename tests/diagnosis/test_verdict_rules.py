@@ -19,12 +19,12 @@ from diagnosis.verdict.selection_step import EffectRefits, FinalRefit
 from diagnosis.verdict_rule import EffectVerdict, RecordVerdict, VerdictRule, judge
 from estimation.fit import fit
 from estimation.multiplicity import holm_adjusted
-from estimation.recordings.reading import from_columns
 from modeling.chain.model import planar
 from modeling.effects import named
 from modeling.errors import InputError
-from modeling.rig import Rig
 from modeling.space import Space
+from tests.shared.recordings import recording_of
+from tests.shared.rigs import RIG
 from truewrench.simulated_rig import PlanarRig, simulate
 
 DRAG = named("viscous_drag")
@@ -364,9 +364,8 @@ def test_every_rejection_has_a_reason() -> None:
 
 def test_an_event_that_lasts_as_long_as_the_record_is_not_accepted() -> None:
     """Its wrench is a bias, so that none of its parameters is identifiable, however well the model fits."""
-    rig = Rig.from_data({"robot": {"link_lengths": list(PlanarRig().link_lengths), "tip_length": 0.2}})
     frame = simulate(PlanarRig(), PlanarRig().random_motion(seed=1), repeats=4, samples_per_period=100, seed=2)
-    base = fit(planar(rig), from_columns({c: frame[c].to_numpy() for c in frame.columns}, rig=rig))
+    base = fit(planar(RIG), recording_of(frame, rig=RIG))
     start = {**base.values, "contact_event.start": -10.0, "contact_event.end": 100.0}
     push = base.refitted(base.model + named("contact_event"), start)
     candidate = CandidateModel(push, 1)

@@ -32,21 +32,14 @@ from modeling.errors import InputError
 from modeling.noise import NoiseModel, NoiseSource
 from modeling.rig import Convention
 from modeling.space import Space
-from tests.estimation.test_fit import base, columns, recorded
+from tests.shared.noises import noise_model
+from tests.shared.recordings import base, noiseless_columns, recorded
 from truewrench import simulated_rig as simulated
 
 Array = NDArray[np.float64]
 
 EXACT = 1e-10
 """Of a std: what chunks may differ from the whole."""
-
-
-def noise_model(space: Space, order: int, block: int = 1) -> NoiseModel:
-    """Channels that are correlated, and as coloured as `order` coefficients of 0.3, 0.15, ... make them."""
-    p = len(space.channels)
-    mixing = 0.1 * np.random.default_rng(p).standard_normal((p, p)) + 0.4 * np.eye(p)
-    coefficients = np.outer(0.3 / 2.0 ** np.arange(order), np.linspace(1, 0.7, p))
-    return NoiseModel(mixing @ mixing.T, coefficients, block)
 
 
 @cache
@@ -447,7 +440,7 @@ def test_one_line_for_what_cannot_be_used() -> None:
 
 def test_separate_runs_of_one_motion_share_a_zero_but_no_history() -> None:
     """Repeats whose clock starts anew: as many rows less for the noise's memory as there are runs."""
-    found = dict(columns(Space.PLANE, (), 3, 5))
+    found = dict(noiseless_columns(Space.PLANE, (), 3, 5))
     del found["temperature"]
     once = len(found["time"]) // 3
     found["time"] = np.tile(found["time"][:once], 3)

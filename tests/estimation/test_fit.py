@@ -5,7 +5,7 @@ Every random test is seeded, so that it fails always or never; the probabilities
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import cache, partial
 
 import numpy as np
@@ -14,76 +14,31 @@ from numpy.typing import NDArray
 
 from estimation.fit import Fit, fit
 from estimation.recordings.reading import from_columns
-from estimation.recordings.recording import Recording
 from estimation.robust_fit import robust_fit
 from modeling import effects
 from modeling.chain.effect import Effect
-from modeling.chain.model import WrenchModel, planar, spatial
+from modeling.chain.model import planar
 from modeling.errors import InputError
 from modeling.noise import NoiseModel, NoiseSource
-from modeling.rig import Convention, Rig, SensorDescription
+from modeling.rig import Rig, SensorDescription
 from modeling.space import Space
+from tests.shared.recordings import SAMPLES, base, noiseless_columns, recorded
+from tests.shared.rigs import SIMULATED
 from truewrench import simulated_rig as simulated
 
 Array = NDArray[np.float64]
 
-RIGS: Mapping[Space, simulated.SimulatedRig] = {Space.PLANE: simulated.PlanarRig(), Space.SPACE: simulated.SpatialRig()}
-SAMPLES = 250
 NAMES = ("m", "mx", "my", "mz", "Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
-
-
-def base(space: Space) -> WrenchModel:
-    on_tool = Rig(sensor=SensorDescription(convention=Convention.ON_TOOL))
-    return planar() if space is Space.PLANE else spatial(on_tool)
 
 
 def truth_of(space: Space) -> dict[str, float]:
     """Bias and body of the rig, by the models' names."""
-    rig = RIGS[space]
+    rig = SIMULATED[space]
     biases = {f"bias_{channel}": value for channel, value in zip(rig.channels, rig.bias, strict=True)}
     if isinstance(rig, simulated.PlanarRig):
         return biases | {"m": rig.mass, "mlg": rig.mlg, "I": rig.inertia}
     assert isinstance(rig, simulated.SpatialRig)
     return biases | dict(zip(NAMES, (rig.mass, *rig.first_moment, *rig.inertia), strict=True))
-
-
-@cache
-def columns(space: Space, hidden: tuple[simulated.HiddenEffect, ...], repeats: int, motion: int) -> dict[str, Array]:
-    """Columns of a recording without noise."""
-    rig = RIGS[space]
-    frame = simulated.simulate(
-        rig, rig.random_motion(seed=motion), hidden=hidden, repeats=repeats, samples_per_period=SAMPLES, noise=Silence()
-    )
-    kept = [str(name) for name in frame if repeats > 1 or name != "repeat"]
-    return {name: frame[name].to_numpy(dtype=float) for name in kept}
-
-
-class Silence(simulated.NoiseModel):
-    def draw(self, rng: np.random.Generator, samples: int, channels: int) -> Array:
-        return np.zeros((samples, channels))
-
-
-def recorded(
-    space: Space,
-    *hidden: simulated.HiddenEffect,
-    seed: int,
-    repeats: int = 4,
-    motion: int = 5,
-    noise: str = "white",
-    zero: Sequence[float] | None = None,
-    name: str = "recording",
-    temperature: bool = False,
-) -> Recording:
-    """A recording with noise of the rig's size, the zero moved by `zero`."""
-    rig = RIGS[space]
-    found = dict(columns(space, hidden, repeats, motion))
-    draws = simulated.NOISE_MODELS[noise].draw(np.random.default_rng(seed), len(found["time"]), len(rig.channels))
-    for i, channel in enumerate(rig.channels):
-        found[channel] = found[channel] + rig.noise[i] * draws[:, i] + (0.0 if zero is None else zero[i])
-    if not temperature:
-        del found["temperature"]
-    links = rig.link_lengths if isinstance(rig, simulated.PlanarRig) else None
-    return from_columns(found, name=name, rig=Rig(link_lengths=links))
 
 
 def scores(estimated: Fit, truth: Mapping[str, float]) -> dict[str, float]:
@@ -113,8 +68,8 @@ def test_body_and_bias_are_recovered(space: Space, noise: str) -> None:
 @pytest.mark.parametrize("space", list(Space))
 def test_a_recording_without_noise_gives_the_truth(space: Space) -> None:
     """Up to what the resolvers' steps of 7.4e-6 rad, differentiated, leave; they repeat with the motion."""
-    found = dict(columns(space, (), 4, 5))
-    rig = RIGS[space]
+    found = dict(noiseless_columns(space, (), 4, 5))
+    rig = SIMULATED[space]
     del found["temperature"]
     links = rig.link_lengths if isinstance(rig, simulated.PlanarRig) else None
     stated = dict(zip(rig.channels, rig.noise, strict=True))

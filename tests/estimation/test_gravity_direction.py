@@ -27,7 +27,6 @@ from estimation.gravity.gravity_direction import with_fitted_tilt
 from estimation.gravity.gravity_estimate import WeightMoments
 from estimation.reading.log_reading import imported
 from estimation.reading.motion_evidence import motion_evidence
-from estimation.recordings.reading import from_columns
 from estimation.recordings.reading_report import StepKind
 from estimation.recordings.recording import Recording
 from estimation.streaming.long_log import read_chunks
@@ -38,6 +37,7 @@ from modeling.kinematics.arm import PlanarArm
 from modeling.kinematics.placement import Direction, base_angle, base_placement, motion_in_world
 from modeling.rig import Convention, Rig, SensorDescription
 from tests.shared.places import URDF
+from tests.shared.recordings import recording_of
 from truewrench.files.case_files import frame_sentences, rigid_tool_case
 from truewrench.files.model_file import ModelFile
 from truewrench.simulated_rig import HIDDEN_EFFECTS, CableSpring, PlanarRig, SpatialRig, simulate, static_poses
@@ -86,7 +86,7 @@ def random_direction(seed: int, axes: int = 3) -> Direction:
 
 def poses(down: Direction, seed: int = 3, rig: Rig | None = None) -> Recording:
     frame = static_poses(MountedTool(down=down), 24, seed=seed)
-    return from_columns({str(c): frame[c].to_numpy() for c in frame.columns}, rig=rig)
+    return recording_of(frame, rig=rig)
 
 
 def run(tool: MountedTool | MountedArm, seed: int, hidden: Sequence[str] = (), repeats: int = 4) -> Recording:
@@ -94,7 +94,7 @@ def run(tool: MountedTool | MountedArm, seed: int, hidden: Sequence[str] = (), r
     motion = tool.random_motion(seed=seed)
     frame = simulate(tool, motion, hidden=effects, repeats=repeats, samples_per_period=300, seed=seed)
     rig = Rig(link_lengths=LINKS) if isinstance(tool, MountedArm) else None
-    return from_columns({str(c): frame[c].to_numpy() for c in frame.columns}, rig=rig)
+    return recording_of(frame, rig=rig)
 
 
 def within(fitted: Fit, name: str, true: float, stds: float = 4.0) -> bool:
@@ -199,7 +199,7 @@ def pulled(tool: MountedTool | MountedArm, seed: int, k: float, anchor: tuple[fl
     motion = tool.random_motion(seed=seed)
     frame = simulate(tool, motion, hidden=[cable], repeats=4, samples_per_period=300, seed=seed)
     rig = Rig(link_lengths=LINKS) if isinstance(tool, MountedArm) else None
-    return from_columns({str(c): frame[c].to_numpy() for c in frame.columns}, rig=rig)
+    return recording_of(frame, rig=rig)
 
 
 PULLS = (

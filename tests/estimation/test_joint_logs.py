@@ -32,6 +32,7 @@ from modeling.errors import InputError
 from modeling.kinematics.urdf import read_urdf
 from modeling.rig import Convention, Rig, SensorDescription, Workspace
 from tests.shared.places import URDF
+from tests.shared.rigs import FRAMES, spatial_arm
 from truewrench.command_line import main
 from truewrench.simulated_rig import SpatialRig, ViscousDrag, simulate
 
@@ -40,8 +41,8 @@ Array = NDArray[np.float64]
 TOOL = SpatialRig()
 CHANNELS = TOOL.channels
 ON_TOOL = SensorDescription(convention=Convention.ON_TOOL)
-CARRIAGE = Rig(spatial_arm=read_urdf(URDF / "carriage.urdf", "sensor"), sensor=ON_TOOL)
-ELBOW = Rig(spatial_arm=read_urdf(URDF / "elbow.urdf", "tool0"), sensor=ON_TOOL)
+CARRIAGE = Rig(spatial_arm=spatial_arm("carriage"), sensor=ON_TOOL)
+ELBOW = Rig(spatial_arm=spatial_arm("elbow"), sensor=ON_TOOL)
 DRAG = ViscousDrag()
 SAMPLES, REPEATS, PERIOD = 400, 3, 5.0
 GRAVITY = 9.806
@@ -124,9 +125,8 @@ def test_fit_command_recovers_the_tool(arm: str, tmp_path: Path, capsys: pytest.
     """The sign of the readings is decided too, and the model file says what the arm is without the URDF."""
     frame = carriage_frame() if arm == "carriage" else pd.DataFrame(elbow_columns())
     frame.to_csv(tmp_path / "run.csv", index=False)
-    frame_name = "sensor" if arm == "carriage" else "tool0"
     (tmp_path / "arm.urdf").write_text((URDF / f"{arm}.urdf").read_text())
-    (tmp_path / "rig.toml").write_text(f'[robot]\nurdf = "arm.urdf"\nsensor_frame = "{frame_name}"\n')
+    (tmp_path / "rig.toml").write_text(f'[robot]\nurdf = "arm.urdf"\nsensor_frame = "{FRAMES[arm]}"\n')
     out = tmp_path / "model.json"
     assert (
         main(["fit", str(tmp_path / "run.csv"), "--rig", str(tmp_path / "rig.toml"), "--json", "--out", str(out)]) == 0
@@ -134,7 +134,7 @@ def test_fit_command_recovers_the_tool(arm: str, tmp_path: Path, capsys: pytest.
     require_truth(json.loads(capsys.readouterr().out)["parameters"])
     (tmp_path / "arm.urdf").unlink()
     stored = Rig.from_data(json.loads(out.read_text())["rig"])
-    assert stored.arm == read_urdf(URDF / f"{arm}.urdf", frame_name)
+    assert stored.arm == spatial_arm(arm)
 
 
 def test_an_effect_that_needs_place_and_speed_is_fitted() -> None:

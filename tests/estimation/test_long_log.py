@@ -25,9 +25,11 @@ from modeling.errors import InputError
 from modeling.kinematics.arm import PlanarArm
 from modeling.rig import Rig
 from modeling.space import Space
-from tests.estimation.test_chunks import EXACT, noise_model
-from tests.estimation.test_fit import base
+from tests.shared.noises import noise_model
+from tests.shared.recordings import base
 
+EXACT = 1e-10
+"""Of a std: what chunks may differ from the whole."""
 LENGTHS = (1.0, 0.97, 0.4)
 
 

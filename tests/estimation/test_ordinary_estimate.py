@@ -11,9 +11,9 @@ from scipy.stats import binom
 
 from estimation.case import Case
 from estimation.fit import Fit, fit, refit
-from estimation.recordings.reading import from_columns
 from modeling.chain.model import spatial
 from modeling.rig import Rig
+from tests.shared.recordings import recording_of
 from truewrench.simulated_rig import (
     AutoregressiveNoise,
     HiddenEffect,
@@ -38,8 +38,7 @@ def fitted(seed: int, noise: NoiseModel, *hidden: HiddenEffect) -> Fit:
     """A rigid tool fitted to one run of 10 s."""
     motion = RIG.random_motion(seed=seed, period=10.0)
     frame = simulate(RIG, motion, hidden=hidden, repeats=1, samples_per_period=1000, noise=noise, seed=seed)
-    columns = {str(c): frame[c].to_numpy() for c in frame if c != "repeat"}
-    return fit(spatial(), from_columns(columns, name="run", rig=Rig.from_data({})))
+    return fit(spatial(), recording_of(frame, without=("repeat",), name="run", rig=Rig.from_data({})))
 
 
 def ordinary(found: Fit) -> Array:

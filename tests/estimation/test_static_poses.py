@@ -24,13 +24,12 @@ from modeling.compiled.symbolic_vector import numpy_function
 from modeling.errors import InputError
 from modeling.rig import Convention, Limits, Rig, SensorDescription, Workspace
 from modeling.space import Space
-from tests.shared.places import DATA
+from tests.shared.places import AIS2202, needs
 from truewrench.simulated_rig import PayloadChange, PlanarRig, SpatialRig, simulate, static_poses
 
 Array = NDArray[np.float64]
 
 ARM, TOOL = PlanarRig(), SpatialRig()
-AIS2202 = DATA / "ais2202"
 TRUE_PLANE = {"bias_fx": 15.0, "bias_fy": 0.25, "bias_tau": -1.33, "m": 0.9, "mlg": 0.063}
 TRUE_SPACE = {"bias_fz": 3.0, "m": 1.2, "mx": 0.01, "my": -0.02, "mz": 0.08}
 
@@ -265,7 +264,7 @@ def test_centre_of_mass_that_is_not_shown() -> None:
     assert "not identifiable" in str(found)
 
 
-@pytest.mark.skipif(not AIS2202.is_dir(), reason=f"no recordings at {AIS2202}")
+@needs(AIS2202)
 def test_measured_poses() -> None:
     """A plain look gives 0.934 ± 0.002 kg and (0.3, 0.1, 43.9) mm, to the last digit that is known, twice."""
     rig = Rig.read(AIS2202 / "rig.toml")

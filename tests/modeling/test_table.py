@@ -19,7 +19,7 @@ from modeling.chain.model import planar
 from modeling.number_format import P_VALUE, estimate_text, interval_text, typeset_text
 from modeling.space import Space
 from modeling.table import NOT_IDENTIFIABLE, Cell, Column, Table, Tabular
-from tests.estimation.test_fit import recorded
+from tests.shared.recordings import recorded
 
 COLUMNS = (
     "parameter",

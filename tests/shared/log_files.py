@@ -416,3 +416,9 @@ FORMATS: Mapping[str, Writer] = {
     "ros 2 bag mcap": ros2_bag("mcap"),
 }
 """Formats whose import is the original recording again, within the digits that they hold."""
+
+
+def w_first(columns: Mapping[str, Array]) -> dict[str, Array]:
+    """Columns as xyzw is taken for when the file has wxyz."""
+    names = dict(zip(QUATERNION, ("qw", "qx", "qy", "qz"), strict=True))
+    return {**columns, **{new: columns[old] for new, old in names.items()}}

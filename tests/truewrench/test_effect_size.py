@@ -8,8 +8,8 @@ import pytest
 from estimation.fit import fit
 from modeling.chain.model import planar
 from modeling.effects import named
-from tests.diagnosis.test_given_effects import simulated
-from tests.diagnosis.test_hidden_effects import RIG
+from tests.shared.recordings import drag_and_leak
+from tests.shared.rigs import RIG
 from truewrench.effect_description.effect_size import largest_change, size_sentence
 
 pytest.importorskip("mujoco")
@@ -17,7 +17,7 @@ pytest.importorskip("mujoco")
 
 def test_drag_at_the_largest_speed_of_its_point() -> None:
     """c |v|, v of the point at d along the tip, by hand from the recorded motion."""
-    recording = simulated(1)
+    recording = drag_and_leak(1)
     fitted = fit(planar(RIG) + named("viscous_drag"), recording)
     signals, values = recording.motion.model_signals, fitted.values
     turn, d = signals["phi"], values["viscous_drag.d"]
@@ -30,6 +30,6 @@ def test_drag_at_the_largest_speed_of_its_point() -> None:
 
 
 def test_a_recording_specific_effect_has_none() -> None:
-    fitted = fit(planar(RIG) + named("bias_drift"), simulated(1))
+    fitted = fit(planar(RIG) + named("bias_drift"), drag_and_leak(1))
     assert largest_change(fitted, "bias_drift") is None
     assert size_sentence(fitted, "bias_drift") == ""

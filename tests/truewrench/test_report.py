@@ -23,7 +23,6 @@ from diagnosis.verdict.finding import Finding
 from diagnosis.verdict_rule import EffectVerdict, RecordVerdict
 from estimation.fit import fit
 from estimation.least_squares.estimates import Estimate
-from estimation.recordings.reading import from_columns
 from estimation.recordings.reading_report import min_max_decimated
 from estimation.recordings.recording import Recording
 from modeling.chain.effect import Effect
@@ -32,6 +31,7 @@ from modeling.effects import catalogue, com_offset, sensor_crosstalk, thermal_dr
 from modeling.number_format import format_number, format_p_value, format_percentage, format_unit, format_with_std
 from modeling.rig import Rig
 from modeling.space import Space
+from tests.shared.recordings import recording_of
 from truewrench.plots.residual_plots import residual_spectrum
 from truewrench.plots.time_series_plot import (
     LabelledComparison,
@@ -68,7 +68,7 @@ VOID = {"meta", "img", "link", "br", "hr", "input"}
 def recorded(*hidden: HiddenEffect, name: str = "run.csv", motion: int = 1, repeats: int = 4) -> Recording:
     path = SIMULATED.random_motion(seed=motion)
     frame = simulate(SIMULATED, path, hidden=hidden, repeats=repeats, samples_per_period=200, seed=motion)
-    return from_columns({str(c): frame[c].to_numpy() for c in frame}, name=name, rig=RIG)
+    return recording_of(frame, name=name, rig=RIG)
 
 
 def drag() -> Diagnosis:
@@ -79,7 +79,7 @@ def drag() -> Diagnosis:
 
 def poses() -> Diagnosis:
     frame = simulated_poses(SIMULATED, 16, hidden=(CentreOfMassOffset(mlx=0.02),))
-    recording = from_columns({str(c): frame[c].to_numpy() for c in frame}, name="poses.csv", rig=RIG)
+    recording = recording_of(frame, name="poses.csv", rig=RIG)
     return found(recording, com_offset())
 
 

@@ -9,7 +9,6 @@ import json
 import re
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
 from importlib import import_module
 from inspect import isabstract
 from pathlib import Path
@@ -22,73 +21,25 @@ import pytest
 from scipy.stats import t as student
 
 import truewrench as tw
-from diagnosis.comparison.model_comparison import BandError
 from diagnosis.study import Stairs, StudyStep
-from estimation.fit import Fit
 from estimation.least_squares.estimates import FAMILIAR_NAMES
 from estimation.recordings.recording import Recording
 from modeling.number_format import NO_VALUE
 from modeling.table import Tabular
-from tests.diagnosis.test_given_effects import DRAG, simulated
-from tests.diagnosis.test_hidden_effects import RIG
+from tests.shared.recordings import DRAG, drag_and_leak
+from tests.shared.results import RESULTS, fitted, loaded
+from tests.shared.rigs import RIG
 from truewrench.reports.parameter_changes import ParameterChanges
 
 pytest.importorskip("mujoco")
 
 DRAG_ID = "viscous_drag"
-WHITE = tw.NoiseModel.white([0.15, 0.25, 0.012])
-
-
-@cache
-def fitted() -> Fit:
-    return tw.fit(tw.planar(RIG) + tw.effects.viscous_drag(), simulated(1))
-
-
-@cache
-def diagnosed() -> Any:
-    return tw.diagnose(tw.planar(RIG), simulated(1), effects=[tw.effects.viscous_drag(), tw.effects.sensor_crosstalk()])
 
 
 def saved(folder: Path) -> Any:
     return tw.load(tw.save(fitted(), folder / "model.json"))
 
 
-@cache
-def studied() -> Any:
-    return tw.study(fitted().model, simulated(1), validate=simulated(501))
-
-
-@cache
-def loaded() -> Any:
-    return tw.load(fitted().to_dict())
-
-
-RESULTS: dict[str, Callable[[], Any]] = {
-    "fit": fitted,
-    "intervals": cache(lambda: fitted().intervals()),
-    "comparison": cache(lambda: tw.compare(fitted(), simulated(501))),
-    "model comparison": cache(lambda: tw.compare([fitted(), fitted()], simulated(501))),
-    "diagnosis": diagnosed,
-    "finding": lambda: diagnosed().findings[0],
-    "step": lambda: diagnosed().steps[-1],
-    "contact": cache(lambda: tw.compensate(fitted(), simulated(501))),
-    "robust": cache(lambda: tw.robust_fit(tw.planar(RIG), simulated(1))),
-    "recording": lambda: simulated(1),
-    "model": lambda: fitted().model,
-    "rig": lambda: RIG,
-    "table": lambda: fitted().table,
-    "chunk": lambda: next(iter(tw.chunks(simulated(1), 500))),
-    "study": studied,
-    "suspects": cache(lambda: studied().suspects()),
-    "stairs": cache(lambda: studied().stairs()),
-    "study step": lambda: studied().steps[0],
-    "location": cache(lambda: studied().where()),
-    "loaded model": loaded,
-    "streamed": cache(lambda: tw.fit(tw.planar(RIG), tw.chunks(simulated(1), 500), noise=WHITE)),
-    "bands": cache(lambda: BandError.of(tw.compare(fitted()))),
-    "repeats": cache(lambda: tw.RepeatTable.of(fitted(), 0)),
-    "bootstrap": cache(lambda: tw.bootstrap(fitted())),
-}
 MOST_LINES, MOST_CHARACTERS = 40, 12_000
 
 
@@ -152,7 +103,7 @@ def test_what_comes_back_from_plain_data() -> None:
     """A fit's are those of its model file; a recording's columns are a recording again."""
     known = loaded()
     assert known.to_dict() == fitted().to_dict()
-    own = simulated(1)
+    own = drag_and_leak(1)
     again = tw.from_dataframe(pd.DataFrame(own.to_dict()["columns"]), rig=RIG)
     np.testing.assert_allclose(again.wrench, own.wrench)
     assert (again.repeats, again.samples) == (own.repeats, own.samples)
@@ -163,14 +114,14 @@ def test_a_file_gives_the_model_back(tmp_path: Path) -> None:
     assert len(repr(known).splitlines()) < MOST_LINES
     pd.testing.assert_frame_equal(known.params, fitted().params[["value", "std", "unit"]])
     pd.testing.assert_frame_equal(known.correlation, fitted().correlation)
-    pd.testing.assert_frame_equal(known.predict(simulated(501)), fitted().predict(simulated(501)))
+    pd.testing.assert_frame_equal(known.predict(drag_and_leak(501)), fitted().predict(drag_and_leak(501)))
     assert known["m"].value == fitted()["m"].value
-    contact = tw.compensate(known, simulated(501)).wrench
-    np.testing.assert_allclose(contact, tw.compensate(fitted(), simulated(501)).wrench, rtol=1e-9, atol=1e-12)
+    contact = tw.compensate(known, drag_and_leak(501)).wrench
+    np.testing.assert_allclose(contact, tw.compensate(fitted(), drag_and_leak(501)).wrench, rtol=1e-9, atol=1e-12)
     with pytest.raises(tw.InputError, match="did you mean"):
         _ = known["viscous_drag.cc"]
-    assert tw.compare({"saved": known}, simulated(501)).models[0].estimated is known
-    assert tw.compare([known, fitted()], simulated(501)).models[0].estimated is known
+    assert tw.compare({"saved": known}, drag_and_leak(501)).models[0].estimated is known
+    assert tw.compare([known, fitted()], drag_and_leak(501)).models[0].estimated is known
 
 
 def test_parameters_by_name() -> None:
@@ -234,7 +185,7 @@ def test_an_unknown_attribute_stays_one() -> None:
 def test_a_parameter_at_a_bound_has_no_std_of_a_measurement() -> None:
     free = fitted()["m"]
     for bound, word in ((free.value + free.std, "fixed"), ((free.value + free.std, 9.0), "held at its bound")):
-        found = tw.fit(fitted().model, simulated(1), constraints={"m": bound})
+        found = tw.fit(fitted().model, drag_and_leak(1), constraints={"m": bound})
         (row,) = (line for line in str(found).splitlines() if line.startswith("m "))
         assert row.split() == ["m", *row.split()[1:2], *word.split(), "kg"]
         assert f"kg, {word}" in found.summary()
@@ -252,7 +203,7 @@ def readings(recording: Recording) -> pd.DataFrame:
 
 def test_predictions_leave_the_residual() -> None:
     """Of its own recording the fit's residual; of another what a comparison leaves, but for the zero of the sensor."""
-    fit, own, other = fitted(), simulated(1), simulated(501)
+    fit, own, other = fitted(), drag_and_leak(1), drag_and_leak(501)
     found = fit.predict()
     assert list(found.columns) == list(own.channels)
     np.testing.assert_allclose(own.wrench - found.to_numpy(), fit.residuals[0])
@@ -262,7 +213,7 @@ def test_predictions_leave_the_residual() -> None:
 
 
 def test_recordings_of_frames_and_arrays_are_those_of_files() -> None:
-    known = simulated(1)
+    known = drag_and_leak(1)
     frame = readings(known).join(pd.DataFrame(dict(known.columns)))
     frame["repeat"] = np.repeat(np.arange(known.repeats), known.samples_per_repeat)
     frame["time"] = np.arange(known.samples) * (known.dt or 1.0)
@@ -295,14 +246,14 @@ def test_arrays_of_other_shapes_are_a_sentence(wrench: Any, arrays: dict[str, An
 WRONG: dict[str, Callable[[], object]] = {
     "a recording is needed, not a DataFrame": lambda: fitted().predict(pd.DataFrame()),  # type: ignore[arg-type]
     "predict: a recording is needed, not a str": lambda: loaded().predict("other.csv"),
-    "several fits are one argument; .* as a list": lambda: tw.compare(fitted(), fitted(), simulated(1)),  # type: ignore
+    "several fits are one argument; .* as a list": lambda: tw.compare(fitted(), fitted(), drag_and_leak(1)),  # type: ignore
     "several fits are one argument": lambda: tw.compare(fitted(), fitted()),  # type: ignore[call-overload]
-    "compare: a Recording is no fit": lambda: tw.compare(simulated(1), simulated(1)),  # type: ignore[call-overload]
+    "compare: a Recording is no fit": lambda: tw.compare(drag_and_leak(1), drag_and_leak(1)),  # type: ignore[call-overload]
     "compare: a recording is needed, not a str": lambda: tw.compare(fitted(), "other.csv"),  # type: ignore
-    "save: a Recording is no fitted model": lambda: tw.save(simulated(1), "model.json"),  # type: ignore[arg-type]
-    "save: a Recording is no path": lambda: tw.save(fitted(), simulated(1)),  # type: ignore[arg-type]
+    "save: a Recording is no fitted model": lambda: tw.save(drag_and_leak(1), "model.json"),  # type: ignore[arg-type]
+    "save: a Recording is no path": lambda: tw.save(fitted(), drag_and_leak(1)),  # type: ignore[arg-type]
     "load: a Fit is no model file": lambda: tw.load(fitted()),  # type: ignore[arg-type]
-    "fit: a Recording is no model": lambda: tw.fit(simulated(1), fitted().model),  # type: ignore[call-overload]
+    "fit: a Recording is no model": lambda: tw.fit(drag_and_leak(1), fitted().model),  # type: ignore[call-overload]
     "fit: a recording is needed, not a str": lambda: tw.fit(fitted().model, ["run.csv"]),  # type: ignore
     "a Table has no dimensions": lambda: fitted().table.to_xarray(),
 }
@@ -330,7 +281,7 @@ def test_type_checkers_read_the_same_public_names() -> None:
 def test_arrays_have_names_and_units() -> None:
     """Measured less predicted is the residual, and the parts of a repeat stand where they were."""
     pytest.importorskip("xarray")
-    found, own = fitted().to_xarray(), simulated(1)
+    found, own = fitted().to_xarray(), drag_and_leak(1)
     assert dict(found.sizes) == {
         "repeat": own.repeats, "time": own.samples_per_repeat, "channel": 3, "parameter": 8, "other": 8
     }  # fmt: skip

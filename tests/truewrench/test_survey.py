@@ -26,6 +26,7 @@ from benchmarks.dask_processes import DaskProcesses, dask_processes
 from estimation.case import Case
 from modeling.errors import InputError
 from tests.shared import survey_work as stand_in
+from tests.shared.rigs import ARM_TEXT
 from truewrench.command_line import main
 from truewrench.simulated_rig import PlanarRig, ViscousDrag, simulate, write_recording
 from truewrench.surveying import Survey, dask_executor, survey
@@ -40,7 +41,6 @@ from truewrench.surveying.survey_task import (
     fingerprint,
 )
 
-RIG = "[robot]\nlink_lengths = [1.0, 0.97, 0.4]\n"
 NAN = "time,q1,q2,q3,fx,fy,tau\n" + "".join(f"{n / 100},0.1,0.2,{'nan' if n == 7 else 0.3},1,2,3\n" for n in range(50))
 MANY = 12
 
@@ -102,7 +102,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Path:
         write_recording(frame, folder / f"run_2026-03-0{day}.csv")
     (folder / "nan.csv").write_text(NAN)
     (folder / "empty.csv").write_text("")
-    (folder / "rig.toml").write_text(RIG)
+    (folder / "rig.toml").write_text(ARM_TEXT)
     return folder
 
 
@@ -147,7 +147,7 @@ def test_workers_find_what_one_process_finds(bench: Path, one: Executor, tmp_pat
 
 def test_sign_of_the_mass_is_a_row(bench: Path, one: Executor, tmp_path: Path) -> None:
     rig = tmp_path / "rig.toml"
-    rig.write_text(RIG + '[sensor]\nconvention = "on_sensor"\n')
+    rig.write_text(ARM_TEXT + '[sensor]\nconvention = "on_sensor"\n')
     (row,) = survey([bench / "run_2026-03-01.csv"], rig=rig, only=["viscous_drag"], executor=one).rows
     assert row.outcome.verdict is None
     assert "mass" in row.outcome.error

@@ -41,11 +41,6 @@ from tests.shared.bound_cases import (
 )
 
 
-@pytest.fixture(scope="module", params=list(CASES))
-def case(request: pytest.FixtureRequest) -> str:
-    return str(request.param)
-
-
 @pytest.fixture(scope="module")
 def bounds() -> dict[str, DualityBound]:
     return {case: bound_of(case, PolynomialDegrees(each=4, pair=2, more=0)) for case in CASES}

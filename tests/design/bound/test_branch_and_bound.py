@@ -11,16 +11,10 @@ from design.bound.branch_and_bound import DualFunctionEnclosure, IntervalEvaluat
 from modeling.compiled.tape import Tape
 from modeling.errors import InputError
 from tests.shared.bound_cases import (
-    CASES,
     bound_of,
     plain_function,
     random_dual,
 )
-
-
-@pytest.fixture(scope="module", params=list(CASES))
-def case(request: pytest.FixtureRequest) -> str:
-    return str(request.param)
 
 
 @pytest.mark.parametrize("seed", range(4))

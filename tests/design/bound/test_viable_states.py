@@ -14,11 +14,6 @@ from tests.shared.bound_cases import (
 )
 
 
-@pytest.fixture(scope="module", params=list(CASES))
-def case(request: pytest.FixtureRequest) -> str:
-    return str(request.param)
-
-
 @pytest.mark.parametrize("seed", range(8))
 def test_every_motion_stays_among_the_viable_states(case: str, seed: int) -> None:
     motion = random_motion(case, seed)

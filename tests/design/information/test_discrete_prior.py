@@ -10,8 +10,7 @@ from design.information import DiscretePrior, Experiment
 from modeling import effects
 from modeling.chain.model import planar
 from modeling.errors import InputError
-from tests.design.information.test_information import (
-    ARM,
+from tests.shared.information_cases import (
     PERIOD,
     SAMPLES,
     TOOL,
@@ -22,6 +21,7 @@ from tests.design.information.test_information import (
     values,
     vector,
 )
+from tests.shared.rigs import ARM
 
 
 def test_a_prior_puts_the_sets_side_by_side() -> None:

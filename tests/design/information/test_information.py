@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
 from dataclasses import fields
 from itertools import pairwise
 
@@ -11,7 +10,6 @@ import casadi as ca
 import numpy as np
 import pytest
 import sympy as sp
-from numpy.typing import NDArray
 
 from design.criteria import DOptimal, Subset
 from design.information import (
@@ -22,7 +20,7 @@ from design.information import (
     sensitivity_terms,
     unidentifiable_combinations,
 )
-from design.trajectories.fourier import CHAPTER_OPTIMUM_DEGREES, FreeSeries, PaperSeries, random_periodic_trajectory
+from design.trajectories.fourier import CHAPTER_OPTIMUM_DEGREES, FreeSeries, PaperSeries
 from design.trajectories.spline import RestToRest
 from design.trajectories.trajectory import Trajectory
 from estimation.least_squares.problem import Problem
@@ -33,60 +31,32 @@ from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
 from modeling import effects
 from modeling.chain.effect import Effect
-from modeling.chain.model import WrenchModel, planar, spatial
+from modeling.chain.model import planar, spatial
 from modeling.chain.regressor import regressor
 from modeling.errors import InputError
-from modeling.kinematics.arm import PlanarArm
-from modeling.kinematics.urdf import read_urdf
-from modeling.noise import ColouredNoise, NoiseModel, NoiseSource, StationaryNoise
+from modeling.noise import NoiseModel, NoiseSource, StationaryNoise
 from modeling.parameter import Parameter
-from modeling.rig import Limits, Rig, SensorDescription
-from modeling.space import Space
-from tests.modeling.effects.cases import amounts_of
-from tests.shared.places import URDF
-
-Array = NDArray[np.float64]
-
-ARM = PlanarArm((1.0, 0.97, 0.4))
-RIG = Rig(link_lengths=ARM.link_lengths, sensor=SensorDescription(noise={"fx": 0.8, "fy": 1.6, "tau": 0.08}))
-LIMITS = Limits(
-    position=np.array([[-1.0, 1.1], [-1.2, 1.2], [-1.4, 1.4]]),
-    velocity=np.array([[-2.0, 2.0], [-2.2, 2.2], [-3.5, 3.5]]),
-    acceleration=np.array([[-10.0, 10.0], [-10.0, 10.0], [-15.0, 15.0]]),
+from tests.shared.information_cases import (
+    EFFECTS,
+    PERIOD,
+    RIG,
+    SAMPLES,
+    SPECTRUM,
+    STD,
+    TOOL,
+    Array,
+    assert_alike,
+    gram,
+    joint_states,
+    motion,
+    values,
+    vector,
 )
-PERIOD, SAMPLES = 5.0, 200
-TOOL = {"bias_fx": 0.5, "bias_tau": -0.1, "m": 1.6, "mlg": 0.2, "I": 0.05}
-STD = np.array([0.8, 1.6, 0.08])
+from tests.shared.rigs import ARM, spatial_arm
 
-
-EFFECTS = tuple(
-    e for e in effects.catalogue(Space.PLANE) if e.stage.adds and "temperature" not in (planar(RIG) + e).inputs
-)
-"""Effects that are designed for, or could be if they were not specific to a recording."""
 EVERY = pytest.mark.parametrize("effect", EFFECTS, ids=lambda e: str(e.id))
 LINEAR_DYNAMICS = (effects.sensor_lag(), effects.time_delay())
 PERIODIC = tuple(e for e in EFFECTS if not e.per_recording)
-
-
-def values(*several: Effect) -> dict[str, float]:
-    amounts = {e: amounts_of(e, e.parameters(Space.PLANE)) for e in several}
-    return TOOL | {f"{e.id}.{name}": value for e in several for name, value in amounts[e].items()}
-
-
-def vector(model: WrenchModel, given: Mapping[str, float]) -> Array:
-    return np.array([given.get(p.name, p.nominal) for p in model.parameters])
-
-
-def motion(seed: int = 0) -> Trajectory:
-    position, velocity, acceleration = (1.0, 1.2, 1.4), (2.0, 2.2, 3.5), (10.0, 10.0, 15.0)
-    return random_periodic_trajectory(
-        joints=3, position=position, velocity=velocity, acceleration=acceleration, period=PERIOD, seed=seed
-    )
-
-
-def joint_states(moving: Trajectory | None = None, samples: int = SAMPLES) -> tuple[Array, Array, Array]:
-    moving = moving or motion()
-    return moving.evaluate(moving.series.instants(samples))
 
 
 def recorded(repeats: int, wrench: Array | None = None) -> Recording:
@@ -99,17 +69,6 @@ def recorded(repeats: int, wrench: Array | None = None) -> Recording:
     if repeats > 1:
         columns["repeat"] = np.repeat(np.arange(float(repeats)), SAMPLES)
     return from_columns(columns, rig=RIG)
-
-
-def gram(columns: Array) -> Array:
-    return np.asarray(np.einsum("npi,npj->ij", columns, columns))
-
-
-def assert_alike(one: Array, other: Array, tolerance: float) -> None:
-    """Informations alike, whatever the units: relative to what each parameter and pair of them has at most."""
-    size = np.sqrt(np.maximum(np.diag(one), np.diag(other)))
-    size[size == 0] = 1.0
-    np.testing.assert_allclose(one / np.outer(size, size), other / np.outer(size, size), rtol=0, atol=tolerance)
 
 
 # ------------------------------------------------------------------------------- against other routes
@@ -223,16 +182,6 @@ def test_lag_of_a_single_run_starts_from_rest() -> None:
 
 # ------------------------------------------------------------------------------------- graphs for the optimiser
 
-SPECTRUM = ColouredNoise(
-    np.array([0.0, 2.0, 8.0]),
-    np.array(
-        [
-            [[4.0, 1.0, 0.2], [1.0, 3.0, 0.0], [0.2, 0.0, 0.1]],
-            [[2.0, 0.5j, 0.0], [-0.5j, 2.0, 0.1], [0.0, 0.1, 0.05]],
-            [[1.0, 0.3 + 0.2j, 0.0], [0.3 - 0.2j, 1.0, 0.05j], [0.0, -0.05j, 0.02]],
-        ]
-    ),
-)
 NOISES: dict[str, StationaryNoise | None] = {
     "unweighted": None,
     "white": NoiseModel.white(STD),
@@ -363,7 +312,7 @@ def test_values_are_needed_where_they_matter_and_checked() -> None:
 
 def test_six_axes_from_a_urdf() -> None:
     """16 parameters of a seven-joint arm: the same by graph and in numbers, and all of them seen."""
-    arm = read_urdf(URDF / "seven.urdf", "l8")
+    arm = spatial_arm("seven")
     experiment = Experiment.of(spatial(), arm, noise=NoiseModel.white([1, 1, 1, 0.1, 0.1, 0.1]))
     q, dq, ddq = np.random.default_rng(8).uniform(-1, 1, (3, 30, arm.joints))
     found = gram(experiment.columns(q, dq, ddq, PERIOD))

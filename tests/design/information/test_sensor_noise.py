@@ -13,8 +13,7 @@ from design.information import Experiment
 from modeling.chain.model import planar, spatial
 from modeling.errors import InputError
 from modeling.noise import ColouredNoise, NoiseModel
-from tests.design.information.test_information import (
-    ARM,
+from tests.shared.information_cases import (
     PERIOD,
     RIG,
     SAMPLES,
@@ -26,6 +25,7 @@ from tests.design.information.test_information import (
     joint_states,
     motion,
 )
+from tests.shared.rigs import ARM
 
 CORRELATION: Array = np.array([[1.0, 0.3, 0.0], [0.3, 1.0, -0.2], [0.0, -0.2, 1.0]])
 

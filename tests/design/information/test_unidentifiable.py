@@ -15,17 +15,8 @@ from modeling.chain.model import planar
 from modeling.errors import InputError
 from modeling.kinematics.arm import PlanarArm
 from modeling.noise import NoiseModel
-from tests.design.information.test_information import (
-    ARM,
-    EFFECTS,
-    LIMITS,
-    PERIOD,
-    STD,
-    TOOL,
-    gram,
-    joint_states,
-    values,
-)
+from tests.shared.information_cases import EFFECTS, LIMITS, PERIOD, STD, TOOL, gram, joint_states, values
+from tests.shared.rigs import ARM
 
 
 def test_one_joint_without_gravity_leaves_one_combination_open() -> None:

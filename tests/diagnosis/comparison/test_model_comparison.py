@@ -15,6 +15,7 @@ from scipy.stats import binom
 
 import truewrench as tw
 from diagnosis.comparison.model_comparison import BandError, ModelComparison, compare
+from diagnosis.comparison.slow_residual import SlowResidual
 from estimation.fit import Fit, fit
 from estimation.model_response import predicted_readings
 from estimation.recordings.reading import from_columns
@@ -229,3 +230,7 @@ def test_what_cannot_be_compared_is_one_line(
     given = {"twice": [models[0], models[0]], "missing": ["nosuch.json"], "no model": [run]}[fault]
     assert main(["compare", *given, "--on", run]) == 2
     assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_repeats_show_a_slow_residual_by_themselves() -> None:
+    assert SlowResidual.of(compare(fit(planar(RIG), repeating(5.0)))) is None

@@ -14,7 +14,7 @@ from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
 from modeling.rig import Rig
 from modeling.significance import LEVELS
-from tests.diagnosis.comparison.test_slow_residual import NOISES, SEEDS, TAIL
+from tests.shared.noises import NOISES, SEEDS, TAIL
 
 Array = NDArray[np.float64]
 

@@ -2,61 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import cache
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.fft import dct
 from scipy.signal import butter, lfilter
 from scipy.stats import binom
 
-from diagnosis.comparison.model_comparison import compare
 from diagnosis.comparison.slow_residual import SlowResidual
 from diagnosis.comparison.steadiness import FIRST_LINE, ResidualSpectrum, motion_band
 from diagnosis.diagnosis import Diagnosis, diagnose
 from diagnosis.verdict_rule import RecordVerdict
-from estimation.fit import fit
 from modeling.chain.model import planar
 from modeling.significance import LEVELS
-from tests.diagnosis.comparison.test_model_comparison import RIG, repeating
-from tests.diagnosis.test_single_runs import FEW, run
+from tests.shared.noises import NOISES, SEEDS, TAIL, Array, Noise
+from tests.shared.recordings import FEW, single_run
 from truewrench.simulated_rig import ViscousDrag
-
-Array = NDArray[np.float64]
-Noise = Callable[[np.random.Generator, int], Array]
-
-SEEDS = 200
-TAIL = 1e-3
-"""Probability of a calibration test to fail although the stated level holds."""
-
-
-def pink(rng: np.random.Generator, n: int) -> Array:
-    """1/f noise of unit variance: a quarter of a longer periodic series."""
-    frequency = np.fft.rfftfreq(4 * n)[1:]
-    lines = (rng.normal(size=len(frequency)) + 1j * rng.normal(size=len(frequency))) / np.sqrt(frequency)
-    series = np.fft.irfft(np.concatenate([[0], lines]))
-    return np.asarray(series[:n] / series.std())
-
-
-def autoregressive(rng: np.random.Generator, n: int) -> Array:
-    return np.asarray(lfilter([np.sqrt(1 - 0.95**2)], [1, -0.95], rng.normal(size=n + 1000))[1000:])
-
-
-def with_tones(rng: np.random.Generator, n: int) -> Array:
-    t = np.arange(n)
-    tones = [0.5 * np.sin(2 * np.pi * f * t + rng.uniform(0, 6)) for f in (0.11, 0.31)]
-    return np.asarray(pink(rng, n) + np.sum(tones, axis=0))
-
-
-NOISES: dict[str, Noise] = {
-    "white": lambda rng, n: np.asarray(rng.normal(size=n)),
-    "autoregressive": autoregressive,
-    "pink": pink,
-    "pink, with tones": with_tones,
-}
-
 
 UNITS = {"fx": "N", "fy": "N", "tau": "N m"}
 
@@ -106,7 +68,7 @@ def test_slow_and_fast_parts_are_the_whole() -> None:
 @cache
 def diagnosed(drag: float) -> Diagnosis:
     """A single run with a drag, or none, whose zero warms up."""
-    clean = run(3000, *([ViscousDrag(c=drag, d=0.12)] if drag else []))
+    clean = single_run(3000, *([ViscousDrag(c=drag, d=0.12)] if drag else []))
     warming = 1 - np.exp(-5 * np.arange(clean.samples) / clean.samples)
     wrench = clean.wrench + np.outer(2.0 * warming, [1, 0, 0])
     return diagnose(planar(clean.rig), clean.with_readings(wrench), effects=FEW)
@@ -204,7 +166,3 @@ def test_what_is_sure_beside_it_is_partly_explained() -> None:
     found = diagnosed(0.3)
     assert found.verdict is RecordVerdict.PARTLY_EXPLAINED
     assert found.added == ("viscous_drag",)
-
-
-def test_repeats_show_it_by_themselves() -> None:
-    assert SlowResidual.of(compare(fit(planar(RIG), repeating(5.0)))) is None

@@ -20,24 +20,23 @@ from diagnosis.comparison.steadiness import (
     unsteady_variance,
 )
 from modeling.significance import LEVELS
-from tests.diagnosis.comparison.test_slow_residual import NOISES, SEEDS, TAIL
+from tests.shared.noises import NOISES, SEEDS, TAIL, Noise
 
 Array = NDArray[np.float64]
-Residual = Callable[[np.random.Generator, int], Array]
 
 UNITS = {"fx": "N", "fy": "N", "tau": "N m"}
 LEVEL = 0.05
 """Of the calibration: at 1 % a test that is twice too generous would pass too often."""
 
 
-def resonance(damping: float, frequency: float = 0.1) -> Residual:
+def resonance(damping: float, frequency: float = 0.1) -> Noise:
     """Noise of an oscillator of that damping ratio, at a frequency in units of the sampling rate."""
     turn, radius = 2 * np.pi * frequency, np.exp(-2 * np.pi * frequency * damping)
     poles = [1, -2 * radius * np.cos(turn * np.sqrt(1 - damping**2)), radius**2]
     return lambda rng, n: np.asarray(lfilter([1], poles, rng.normal(size=n + 4000))[4000:])
 
 
-def low_pass(cutoff: float, of: Residual = NOISES["white"]) -> Residual:
+def low_pass(cutoff: float, of: Noise = NOISES["white"]) -> Noise:
     """Behind a Butterworth filter of fourth order, its cutoff in units of the sampling rate."""
     sections = butter(4, 2 * cutoff, output="sos")
     return lambda rng, n: np.asarray(sosfilt(sections, of(rng, n + 2000))[2000:])
@@ -52,7 +51,7 @@ def rounded(rng: np.random.Generator, n: int) -> Array:
 
 LOW_PASS = {"low-pass at 0.05": low_pass(0.05), "low-pass at 0.2": low_pass(0.2)}
 RESONANCES = {f"resonance, damping {damping}": resonance(damping) for damping in (0.01, 0.003)}
-COLOURS: dict[str, Residual] = NOISES | LOW_PASS | RESONANCES | {"rounded": rounded}
+COLOURS: dict[str, Noise] = NOISES | LOW_PASS | RESONANCES | {"rounded": rounded}
 DAILY = ("white", "low-pass at 0.05")
 """Of the colours: the others are in the long tier."""
 colours = pytest.mark.parametrize(
@@ -87,7 +86,7 @@ def switched(rng: np.random.Generator, n: int) -> NDArray[np.bool_]:
     return np.asarray((np.arange(n) + rng.integers(1000)) % 1000 < 500)
 
 
-def found(kind: Residual, seed: int, samples: int) -> SlowResidual:
+def found(kind: Noise, seed: int, samples: int) -> SlowResidual:
     """In tau, beside noise in fx and fy."""
     rng = np.random.default_rng(seed)
     columns = [rng.normal(size=samples), rng.normal(size=samples), kind(rng, samples)]
@@ -96,7 +95,7 @@ def found(kind: Residual, seed: int, samples: int) -> SlowResidual:
 
 @pytest.mark.parametrize("kind", [lambda rng, n: rng.normal(size=n), knocks, lambda rng, n: rng.laplace(size=n)])
 @pytest.mark.parametrize("samples", [40, 320, 5000])
-def test_kurtosis_is_that_of_scipy(kind: Residual, samples: int) -> None:
+def test_kurtosis_is_that_of_scipy(kind: Noise, samples: int) -> None:
     rows = kind(np.random.default_rng(samples), samples)
     assert kurtosis_p_value(rows) == pytest.approx(float(kurtosistest(rows, alternative="greater").pvalue), rel=1e-9)
 
@@ -173,7 +172,7 @@ def test_narrow_noise_mostly_stays(noise: str) -> None:
 @pytest.mark.parametrize(
     ("kind", "least"), [(knocks, 19), (low_pass(0.2, knocks), 19), (ripple, 16), (bursts, 19), (vibration, 16)]
 )
-def test_what_comes_and_goes_is_found(kind: Residual, least: int) -> None:
+def test_what_comes_and_goes_is_found(kind: Noise, least: int) -> None:
     """In its channel alone, and said in words that a user can act on; a wave that never stops is the hardest."""
     all_found = [found(kind, seed, 3000) for seed in range(20)]
     named = [s for s in all_found if s.above_noise == ("tau",)]

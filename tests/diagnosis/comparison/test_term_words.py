@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from diagnosis.comparison.comparison import generic_terms, term_in_words
-from estimation.recordings.reading import from_columns
-from tests.diagnosis.test_hidden_effects import RIG
+from tests.shared.recordings import recording_of
+from tests.shared.rigs import described
 from truewrench.simulated_rig import PlanarRig, SpatialRig, simulate
 from truewrench.simulated_rig.rigs import SimulatedRig
 
@@ -17,9 +17,7 @@ pytest.importorskip("mujoco")
 @pytest.mark.parametrize("rig", [PlanarRig(), SpatialRig()], ids=["plane", "space"])
 def test_every_term_has_words(rig: SimulatedRig) -> None:
     frame = simulate(rig, rig.random_motion(seed=1), repeats=1, samples_per_period=120)
-    recording = from_columns(
-        {str(name): frame[name].to_numpy() for name in frame}, rig=RIG if isinstance(rig, PlanarRig) else None
-    )
+    recording = recording_of(frame, rig=described(rig))
     terms = generic_terms(recording, np.asarray(recording.wrench))
     assert len(terms) > 15
     for term in terms:

@@ -35,6 +35,8 @@ from modeling.effects.disturbances import BiasDrift as DriftEffect
 from modeling.parameter import Parameter
 from modeling.rig import Rig
 from modeling.space import Space, signals
+from tests.shared.recordings import recording_of
+from tests.shared.rigs import RIG
 from truewrench.files.model_file import ModelFile
 from truewrench.simulated_rig import (
     AutoregressiveNoise,
@@ -55,7 +57,6 @@ from truewrench.text.diagnosis_text import diagnosis_text
 
 pytest.importorskip("mujoco")
 
-RIG = Rig.from_data({"robot": {"link_lengths": list(PlanarRig().link_lengths), "tip_length": 0.2}})
 DRAG = ViscousDrag(c=0.15, d=0.12)
 DRIFT = BiasDrift(force=2.0, torque=0.1)
 PUSH = ContactEvent()
@@ -88,8 +89,7 @@ def recorded(name: str, motion: int, *hidden: HiddenEffect, noise: NoiseModel | 
         noise=noise,
         seed=1000 + motion,
     )
-    columns = {str(c): frame[c].to_numpy() for c in frame if c != "temperature"}
-    return from_columns(columns, name=name, rig=RIG)
+    return recording_of(frame, without=("temperature",), name=name, rig=RIG)
 
 
 @cache
@@ -315,7 +315,7 @@ def six_axes(name: str, motion: int, repeats: int, *hidden: HiddenEffect) -> Rec
     frame = simulate(
         rig, rig.random_motion(seed=motion), hidden=hidden, repeats=repeats, samples_per_period=250, seed=7000 + motion
     )
-    return from_columns({str(c): frame[c].to_numpy() for c in frame if c != "temperature"}, name=name)
+    return recording_of(frame, without=("temperature",), name=name)
 
 
 @cache
@@ -350,8 +350,7 @@ def test_right_model_of_a_single_run_is_rejected_as_rarely() -> None:
                 rig, rig.random_motion(seed=motion), hidden=(SensorCrosstalk(),), repeats=count,
                 samples_per_period=250, seed=7000 + motion,
             )  # fmt: skip
-            columns = {str(c): frame[c].to_numpy() for c in frame if c not in ("temperature", "repeat")}
-            runs.append(from_columns(columns, name=f"run {motion}"))
+            runs.append(recording_of(frame, without=("temperature", "repeat"), name=f"run {motion}"))
         found.append(compare(fit(model, runs[0]), runs[1]))
     assert sum(c.lack_of_fit < 0.01 for c in found) <= 1
 

@@ -23,13 +23,12 @@ from modeling.effects import named
 from modeling.effects.loads import TipFlexibility, ViscousDrag
 from modeling.effects.sensor import Saturation, SensorGain
 from modeling.parameter import Parameter
-from modeling.rig import Rig
+from tests.shared.recordings import recording_of
+from tests.shared.rigs import RIG
 from truewrench import simulated_rig
 from truewrench.simulated_rig import PlanarRig, simulate
 
 pytest.importorskip("mujoco")
-
-RIG = Rig.from_data({"robot": {"link_lengths": list(PlanarRig().link_lengths), "tip_length": 0.2}})
 
 
 @cache
@@ -38,7 +37,7 @@ def fitted() -> Fit:
     hidden = (simulated_rig.ViscousDrag(), simulated_rig.SensorGain())
     motion = PlanarRig().random_motion(seed=1)
     frame = simulate(PlanarRig(), motion, hidden=hidden, repeats=4, samples_per_period=250, seed=1)
-    return fit(planar(RIG), from_columns({str(c): frame[c].to_numpy() for c in frame.columns}, rig=RIG))
+    return fit(planar(RIG), recording_of(frame, rig=RIG))
 
 
 @dataclass(frozen=True)

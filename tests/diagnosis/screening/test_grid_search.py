@@ -18,19 +18,18 @@ from diagnosis.subset_search import MAX_EFFECTS
 from estimation.fit import Fit, fit
 from estimation.least_squares.problem import LinearisedRows
 from estimation.least_squares.square_root_information import orthonormal_basis
-from estimation.recordings.reading import from_columns
 from modeling.chain.effect import Effect, NuisanceValues
 from modeling.chain.model import planar
 from modeling.effects import catalogue, named
 from modeling.effects.loads import ViscousDrag
 from modeling.effects.sensor import SensorLag
-from modeling.rig import Rig
+from tests.shared.recordings import recording_of
+from tests.shared.rigs import RIG
 from truewrench import simulated_rig
 from truewrench.simulated_rig import PlanarRig, simulate
 
 pytest.importorskip("mujoco")
 
-RIG = Rig.from_data({"robot": {"link_lengths": list(PlanarRig().link_lengths), "tip_length": 0.2}})
 ROUNDING = 1e-7
 """Relative: differences of long steps lose digits, and so do columns that the model nearly explains."""
 
@@ -41,10 +40,7 @@ def fitted(*, repeats: int = 4, seed: int = 3) -> Fit:
     hidden = (simulated_rig.ViscousDrag(), simulated_rig.ContactEvent())
     motion = PlanarRig().random_motion(seed=seed)
     frame = simulate(PlanarRig(), motion, hidden=hidden, repeats=max(repeats, 2), samples_per_period=200, seed=seed)
-    columns = {str(c): frame[c].to_numpy() for c in frame.columns}
-    if repeats == 1:
-        columns = {c: v for c, v in columns.items() if c != "repeat"}
-    return fit(planar(RIG), from_columns(columns, rig=RIG))
+    return fit(planar(RIG), recording_of(frame, without=() if repeats > 1 else ("repeat",), rig=RIG))
 
 
 def alone(null_model: NullModel, model_effect: Effect, values: NuisanceValues) -> ProjectedColumns:

@@ -12,11 +12,11 @@ from benchmarks.robot_motions import raster
 from diagnosis.screening.null_model import NullModel, ScreeningCache
 from diagnosis.screening.score_test import DRAWS, DrawnMotion, run_searches, screen
 from estimation.fit import Fit, fit
-from estimation.recordings.reading import from_columns
 from modeling.chain.model import spatial
 from modeling.effects import named
 from modeling.rig import Rig
 from modeling.significance import LEVELS
+from tests.shared.recordings import recording_of
 from truewrench.simulated_rig import AutoregressiveNoise, HiddenEffect, SpatialRig, ViscousDrag, simulate
 
 
@@ -28,8 +28,7 @@ def fitted(seed: int, *hidden: HiddenEffect) -> Fit:
     frame = simulate(
         rig, raster(seed), hidden=hidden, repeats=1, samples_per_period=1500, noise=noise, seed=seed
     )  # fmt: skip
-    columns = {str(c): frame[c].to_numpy() for c in frame if c != "repeat"}
-    return fit(spatial(), from_columns(columns, name="run", rig=Rig.from_data({})))
+    return fit(spatial(), recording_of(frame, without=("repeat",), name="run", rig=Rig.from_data({})))
 
 
 def test_what_depends_on_an_auxiliary_signal_is_judged_at_drawn_motions() -> None:

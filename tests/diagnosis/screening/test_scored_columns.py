@@ -13,23 +13,21 @@ from diagnosis.screening.null_model import NullModel, row_index
 from diagnosis.screening.projection import columns_beside, noise_levels
 from diagnosis.screening.whitened_sensitivity import score_columns
 from estimation.fit import Fit, fit
-from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
 from modeling.chain.model import planar
 from modeling.effects import named
-from modeling.rig import Rig
+from tests.shared.recordings import recording_of
+from tests.shared.rigs import RIG
 from truewrench.simulated_rig import PlanarRig, simulate
 
 pytest.importorskip("mujoco")
 
 Array = NDArray[np.float64]
-RIG = Rig.from_data({"robot": {"link_lengths": list(PlanarRig().link_lengths), "tip_length": 0.2}})
 
 
 def recorded(seed: int, repeats: int) -> Recording:
     frame = simulate(PlanarRig(), PlanarRig().random_motion(seed=seed), repeats=max(repeats, 2), samples_per_period=100)
-    columns = {str(c): frame[c].to_numpy() for c in frame.columns if repeats > 1 or c != "repeat"}
-    return from_columns(columns, name=f"{seed}", rig=RIG)
+    return recording_of(frame, without=() if repeats > 1 else ("repeat",), name=f"{seed}", rig=RIG)
 
 
 @cache

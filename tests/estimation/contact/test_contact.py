@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 
 from estimation.contact.contact_wrench import CalibratedModel, ContactWrench, compensate
 from estimation.fit import Fit, fit
-from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
 from modeling import effects
 from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel, planar, spatial
 from modeling.rig import Convention, Rig, SensorDescription
 from modeling.space import Space
+from tests.shared.recordings import recording_of
+from tests.shared.rigs import SIMULATED
 from truewrench import simulated_rig as simulated
 
 pytest.importorskip("mujoco")
@@ -27,7 +28,6 @@ Array = NDArray[np.float64]
 SAMPLES, REPEATS = 250, 4
 PUSH = (0.3, 0.5)
 """Part of each repeat during which the tool is pushed."""
-RIGS = {Space.PLANE: simulated.PlanarRig(), Space.SPACE: simulated.SpatialRig()}
 TETHER = simulated.HIDDEN_EFFECTS["cable_spring"]
 LEAK = simulated.HIDDEN_EFFECTS["sensor_crosstalk"]
 TURNED = simulated.HIDDEN_EFFECTS["sensor_rotation"]
@@ -51,14 +51,13 @@ def recorded(
     convention: str = "on_tool",
     seed: int = 1,
 ) -> Recording:
-    rig = replace(RIGS[space], convention=convention)
+    rig = replace(SIMULATED[space], convention=convention)
     motion = rig.random_motion(seed=seed)
     present = [*hidden, *(pushes(space, motion.period) if push else [])]
     frame = simulated.simulate(rig, motion, hidden=present, repeats=REPEATS, samples_per_period=SAMPLES, seed=seed)
     links = rig.link_lengths if isinstance(rig, simulated.PlanarRig) else None
     described = Rig(link_lengths=links, sensor=SensorDescription(convention=Convention(convention)))
-    columns = {str(c): frame[c].to_numpy(dtype=float) for c in frame if c != "temperature"}
-    return from_columns(columns, name=f"seed {seed}", rig=described)
+    return recording_of(frame, without=("temperature",), name=f"seed {seed}", rig=described)
 
 
 def true_push(space: Space, recording: Recording) -> Array:
@@ -75,7 +74,7 @@ def model_of(space: Space, convention: str, *added: Effect) -> WrenchModel:
 
 def hidden_in(space: Space, *hidden: simulated.HiddenEffect) -> tuple[simulated.HiddenEffect, ...]:
     """The effects in their places on the training motion, where they stay."""
-    rig = RIGS[space]
+    rig = SIMULATED[space]
     return simulated.resolve_effects(rig, rig.random_motion(seed=1), hidden, repeats=REPEATS)
 
 
@@ -194,11 +193,10 @@ def test_std_is_that_of_the_error() -> None:
 
 def test_what_the_poses_did_not_show_is_named() -> None:
     """Poses at rest know no inertia; a motion asks for it."""
-    rig = RIGS[Space.SPACE]
+    rig = SIMULATED[Space.SPACE]
     frame = simulated.static_poses(rig, 30, seed=1)
     stated = Rig(sensor=SensorDescription(convention=Convention.ON_TOOL))
-    columns = {str(c): frame[c].to_numpy(dtype=float) for c in frame if c != "temperature"}
-    known = fit(spatial(stated), from_columns(columns, name="poses", rig=stated))
+    known = fit(spatial(stated), recording_of(frame, without=("temperature",), name="poses", rig=stated))
     contact = compensate(known, recorded(Space.SPACE, push=True, seed=3))
     assert set(contact.unknown) == {"Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz"}
     assert np.isfinite(contact.covariance).all()

@@ -24,16 +24,12 @@ from modeling import effects
 from modeling.chain.effect import Effect
 from modeling.chain.model import planar
 from modeling.rig import Convention, Rig, SensorDescription
+from tests.shared.recordings import Silence
 from truewrench import simulated_rig as simulated
 
 Array = NDArray[np.float64]
 
 SAMPLES = 150
-
-
-class Silence(simulated.NoiseModel):
-    def draw(self, rng: np.random.Generator, samples: int, channels: int) -> Array:
-        return np.zeros((samples, channels))
 
 
 @cache

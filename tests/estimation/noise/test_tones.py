@@ -15,17 +15,16 @@ from scipy.stats import binom, chi2
 from estimation.fit import fit
 from estimation.multiplicity import effective_number_of_frequencies
 from estimation.noise.tones import NonperiodicResidual, find_tones, sinusoids, without_sinusoids
-from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
 from modeling.chain.model import planar
-from modeling.rig import Rig
+from tests.shared.recordings import recording_of
+from tests.shared.rigs import RIG
 from truewrench.simulated_rig import LineInterference, PlanarRig, simulate
 
 pytest.importorskip("mujoco")
 
 Array = NDArray[np.float64]
 
-RIG = Rig.from_data({"robot": {"link_lengths": list(PlanarRig().link_lengths), "tip_length": 0.2}})
 SAMPLES = 1000
 
 
@@ -34,7 +33,7 @@ def recorded(force: float = 0.0, repeats: int = 4, period: int = SAMPLES // 4) -
     hidden = (LineInterference(force=force, torque=force / 20),) if force else ()
     motion = PlanarRig().random_motion(seed=1)
     frame = simulate(PlanarRig(), motion, hidden=hidden, repeats=repeats, samples_per_period=period, seed=1)
-    return from_columns({str(c): frame[c].to_numpy() for c in frame.columns}, rig=RIG)
+    return recording_of(frame, rig=RIG)
 
 
 def noise(seed: int, samples: int = SAMPLES) -> Array:

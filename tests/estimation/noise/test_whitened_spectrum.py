@@ -13,10 +13,10 @@ from estimation.autoregression import fit_autoregression
 from estimation.fit import fit
 from estimation.noise.whitened_spectrum import NoiseLevel, WhitenedSpectrum, lines
 from estimation.noise.whitening import AutoregressiveWhitener
-from estimation.recordings.reading import from_columns
 from modeling.chain.model import spatial
 from modeling.effects import named
 from modeling.rig import Rig
+from tests.shared.recordings import recording_of
 from truewrench.simulated_rig import (
     AutoregressiveNoise,
     NoiseModel,
@@ -76,8 +76,7 @@ def test_nothing_is_significant_in_one_over_f_noise(seed: int) -> None:
     rig = SpatialRig()
     frame = simulate(rig, rig.random_motion(seed=seed, period=15.0), repeats=1, samples_per_period=1500,
                      noise=PinkNoise(tones=()), seed=seed)  # fmt: skip
-    columns = {str(c): frame[c].to_numpy() for c in frame if c != "repeat"}
-    fitted = fit(spatial(), from_columns(columns, name="run", rig=Rig.from_data({})))
+    fitted = fit(spatial(), recording_of(frame, without=("repeat",), name="run", rig=Rig.from_data({})))
     tests = screen(fitted, [named(i) for i in ("thermal_drift", "sensor_crosstalk", "sensor_gain")])
     assert not significant_effects(tests), [(t.effect.id, t.p_value) for t in tests]
 
@@ -87,9 +86,9 @@ def test_a_leak_is_found_in_noise_that_few_lines_tell() -> None:
     rig = SpatialRig()
     frame = simulate(rig, rig.random_motion(seed=0, period=15.0), repeats=1, samples_per_period=1500, seed=0,
                      hidden=[SensorCrosstalk(leaks=(("fy", "fx", 0.01),))], noise=WhiteNoise())  # fmt: skip
-    columns = {str(c): frame[c].to_numpy() for c in frame if c != "repeat"}
     (test,) = screen(
-        fit(spatial(), from_columns(columns, name="run", rig=Rig.from_data({}))), [named("sensor_crosstalk")]
+        fit(spatial(), recording_of(frame, without=("repeat",), name="run", rig=Rig.from_data({}))),
+        [named("sensor_crosstalk")],
     )
     assert test.p_value < 1e-7
 

@@ -22,15 +22,13 @@ from estimation.reading.log_reading import imported
 from estimation.recordings.reading_report import StepKind
 from modeling.chain.model import spatial
 from modeling.errors import InputError
-from tests.shared.log_files import CHANNELS, QUATERNION, Frame, original
-from tests.shared.places import DATA
+from tests.shared.log_files import CHANNELS, QUATERNION, Frame, original, w_first
+from tests.shared.places import AIS2202, DATA, needs
 from truewrench.simulated_rig import HIDDEN_EFFECTS, SpatialRig, simulate, static_poses
 
 pytest.importorskip("mujoco")
 
-needs_data = pytest.mark.skipif(
-    not DATA.is_dir(), reason=f"no recordings at {DATA}: set TRUEWRENCH_DATA to their folder"
-)
+needs_data = needs(DATA)
 Columns = Mapping[str, Array]
 FORCES = CHANNELS[:3]
 
@@ -41,7 +39,7 @@ def frame_of(name: str) -> Frame:
     if name == "poses":
         return static_poses(SpatialRig(), 24, seed=3)
     if name == "measured":
-        return pd.read_csv(DATA / "ais2202" / "calibration_poses.csv")
+        return pd.read_csv(AIS2202 / "calibration_poses.csv")
     if name == "run":
         return original()
     rig, hidden = SpatialRig(), [HIDDEN_EFFECTS[name]]
@@ -55,12 +53,6 @@ def columns_of(name: str) -> dict[str, Array]:
 
 def turn_of(columns: Columns) -> Rotation:
     return Rotation.from_quat(np.stack([columns[name] for name in QUATERNION], axis=1))
-
-
-def w_first(columns: Columns) -> Columns:
-    """What xyzw is taken for when the file has wxyz."""
-    renamed = dict(zip(QUATERNION, ("qw", "qx", "qy", "qz"), strict=True))
-    return {**columns, **{new: columns[old] for new, old in renamed.items()}}
 
 
 def inverse(columns: Columns) -> Columns:
@@ -327,7 +319,7 @@ def test_the_hand_held_tool(name: str) -> None:
 @pytest.mark.parametrize(("name", "deviates"), [("baseline", False), ("vibrations", True), ("contact", True)])
 def test_the_arm_that_was_tapped_and_touched(name: str, deviates: bool) -> None:
     """Untouched, tapped by a hammer, touched by hand in more than half of the time; 0.934 kg by the poses."""
-    said = suspicions(imported(DATA / "ais2202" / f"{name}.csv"))
+    said = suspicions(imported(AIS2202 / f"{name}.csv"))
     assert ("contact, or another effect" in said) == deviates
     masses = [float(mass) for mass in re.findall(r"about (\S+) kg", said)]
     assert masses == pytest.approx([0.934] * len(masses), rel=0.05)

@@ -19,8 +19,8 @@ from estimation.recordings.reading_report import ReadingReport, StepKind
 from estimation.recordings.sign_convention import decide_convention
 from modeling.errors import InputError
 from modeling.rig import Rig
-from tests.shared.log_files import QUATERNION, original
-from tests.shared.places import DATA
+from tests.shared.log_files import QUATERNION, original, w_first
+from tests.shared.places import AIS2202, DATA, needs
 from truewrench.command_line import main
 from truewrench.simulated_rig import (
     CableSpring,
@@ -36,7 +36,7 @@ from truewrench.simulated_rig import (
 
 pytest.importorskip("mujoco")
 
-needs_data = pytest.mark.skipif(not DATA.is_dir(), reason=f"no recordings at {DATA}: set TRUEWRENCH_DATA")
+needs_data = needs(DATA)
 PLANE, SPACE = PlanarRig(), SpatialRig()
 ARM = Rig(link_lengths=PLANE.link_lengths, gravity=PLANE.gravity)
 GRAVITY = 9.806
@@ -61,7 +61,7 @@ def frame_of(name: str) -> pd.DataFrame:
     if name == "poses":
         return static_poses(SPACE, 24, seed=3)
     if name == "measured":
-        return pd.read_csv(DATA / "ais2202" / "calibration_poses.csv")
+        return pd.read_csv(AIS2202 / "calibration_poses.csv")
     rig = PLANE if name.startswith("planar") else SPACE
     motion, hidden = rig.random_motion(seed=7), [HIDDEN[name.split()[-1]]]
     return simulate(rig, motion, hidden=hidden, repeats=1, samples_per_period=500, seed=7)
@@ -124,11 +124,6 @@ def stopped(columns: Columns) -> Columns:
     rows = slice(None) if len(column) < 100 else slice(len(column) // 3, len(column) // 2)
     column[rows] = column[rows][0]
     return {**columns, "fx": column}
-
-
-def w_first(columns: Columns) -> Columns:
-    names = dict(zip(QUATERNION, ("qw", "qx", "qy", "qz"), strict=True))
-    return {**columns, **{new: columns[old] for new, old in names.items()}}
 
 
 def with_letters(columns: Columns) -> Columns:
@@ -194,7 +189,7 @@ def test_none_is_invented(name: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["calibration_poses", "baseline", "vibrations", "contact"])
 def test_none_is_invented_in_what_was_measured(name: str) -> None:
     """Among them a hand on the tool and hammer taps."""
-    folder = DATA / "ais2202"
+    folder = AIS2202
     assert read(folder / f"{name}.csv", rig=Rig.read(folder / "rig.toml")).reading is None
 
 

@@ -19,7 +19,7 @@ from estimation.reading.log_reading import imported
 from estimation.reading.sample_mending import band_limited
 from estimation.recordings.motion_period import motion_period
 from estimation.recordings.reading_report import PeriodReading, StepKind
-from modeling.rig import Rig
+from tests.shared.rigs import ARM_RIG, ARM_TEXT
 from truewrench.command_line import main
 from truewrench.simulated_rig import HiddenEffect, PlanarRig, SpatialRig, ViscousDrag, simulate
 
@@ -27,7 +27,6 @@ pytest.importorskip("mujoco")
 
 Array = NDArray[np.float64]
 DRAG = ViscousDrag(c=0.5, d=0.12)
-PLANAR_RIG = "[robot]\nlink_lengths = [1.0, 0.97, 0.4]\n"
 SPATIAL_RIG = '[robot]\nname = "carriage"\n[sensor]\nconvention = "on_tool"\n'
 
 
@@ -69,14 +68,10 @@ def written(frame: pd.DataFrame, folder: Path) -> Path:
 
 
 def found_in(frame: pd.DataFrame, folder: Path) -> tuple[tw.Recording, PeriodReading]:
-    recording = tw.read(written(frame, folder), rig=planar_rig())
+    recording = tw.read(written(frame, folder), rig=ARM_RIG)
     assert recording.reading is not None
     assert recording.reading.period is not None
     return recording, recording.reading.period
-
-
-def planar_rig() -> Rig:
-    return Rig.from_data({"robot": {"link_lengths": [1.0, 0.97, 0.4]}})
 
 
 def joints(q: Array) -> dict[str, Array]:
@@ -223,7 +218,7 @@ def test_nothing_hidden_fits_to_the_noise_after_resampling(samples: int, tmp_pat
     assert (recording.repeats, recording.continuous) == (6, True)
     assert abs(period.period - 4.0) < 4 * period.std + 1e-6
     assert recording.dt == pytest.approx(4.0 / period.samples, rel=1e-6)
-    compared = tw.compare(tw.fit(tw.planar(planar_rig()), recording))
+    compared = tw.compare(tw.fit(tw.planar(ARM_RIG), recording))
     assert compared.misfit == pytest.approx(1.0, abs=0.16)
 
 
@@ -233,7 +228,7 @@ def test_nothing_hidden_fits_to_the_noise_after_resampling(samples: int, tmp_pat
 def test_the_recording_that_import_writes_has_repeats(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     frame = repeated(PlanarRig()).iloc[40:]
     source, out, rig = written(frame, tmp_path), tmp_path / "rec.csv", tmp_path / "rig.toml"
-    rig.write_text(PLANAR_RIG)
+    rig.write_text(ARM_TEXT)
     assert main(["import", str(source), "--rig", str(rig), "--out", str(out)]) == 0
     text = capsys.readouterr().out
     assert "The motion repeats: period 4.00000" in text
@@ -261,7 +256,7 @@ def test_a_stated_period_is_corrected_within_its_last_digit(tmp_path: Path) -> N
 
 def test_one_run_and_strict_leave_every_sample(tmp_path: Path) -> None:
     path = written(repeated(PlanarRig()), tmp_path)
-    rig = planar_rig()
+    rig = ARM_RIG
     for recording in (tw.read(path, rig=rig, one_run=True), tw.read(path, rig=rig, strict=True)):
         assert (recording.repeats, recording.samples) == (1, 1823)
 
@@ -270,13 +265,13 @@ def test_whole_samples_are_not_interpolated(tmp_path: Path) -> None:
     frame = repeated(PlanarRig(), samples=1800)
     recording, _ = found_in(frame, tmp_path)
     np.testing.assert_array_equal(recording.wrench, frame[["fx", "fy", "tau"]])
-    strict = tw.read(tmp_path / "log.csv", rig=planar_rig(), strict=True)
+    strict = tw.read(tmp_path / "log.csv", rig=ARM_RIG, strict=True)
     assert strict.repeats == 6
 
 
 def test_readings_without_noise_stay_one_run(tmp_path: Path) -> None:
     frame = repeated(PlanarRig(noise=(0.0, 0.0, 0.0)), samples=1800)
-    assert tw.read(written(frame, tmp_path), rig=planar_rig()).repeats == 1
+    assert tw.read(written(frame, tmp_path), rig=ARM_RIG).repeats == 1
 
 
 # ------------------------------------------------------------------------------------ counted repeats
@@ -290,23 +285,23 @@ def counted() -> pd.DataFrame:
 
 def fitted(recording: tw.Recording) -> float:
     """The drag of a fit."""
-    fit = tw.fit(tw.planar(planar_rig()) + tw.effects.viscous_drag(), recording)
+    fit = tw.fit(tw.planar(ARM_RIG) + tw.effects.viscous_drag(), recording)
     assert tw.compare(fit).misfit == pytest.approx(1.0, abs=0.2)
     return float(fit.parameters["viscous_drag.c"].value)
 
 
 def test_repeats_of_slightly_different_length_are_cut_by_the_period(tmp_path: Path) -> None:
-    recording = tw.read(written(counted(), tmp_path), rig=planar_rig())
+    recording = tw.read(written(counted(), tmp_path), rig=ARM_RIG)
     assert (recording.repeats, recording.samples, recording.continuous) == (6, 6 * 303, True)
     assert fitted(recording) == pytest.approx(DRAG.c, abs=0.02)
 
 
 def test_lost_samples_and_empty_cells_of_repeats_are_mended(tmp_path: Path) -> None:
     frame = counted()
-    lost = tw.read(written(frame.drop(index=[100, 101, 700, 1500]), tmp_path), rig=planar_rig())
+    lost = tw.read(written(frame.drop(index=[100, 101, 700, 1500]), tmp_path), rig=ARM_RIG)
     assert (lost.repeats, lost.samples) == (6, 6 * 303)
     empty = imported(written(frame.assign(fx=frame["fx"].where(~frame.index.isin([55, 900]))), tmp_path))
-    recording = empty.recording(planar_rig())
+    recording = empty.recording(ARM_RIG)
     assert (recording.repeats, recording.samples) == (6, 6 * 303)
     assert fitted(recording) == pytest.approx(DRAG.c, abs=0.02)
 
@@ -328,14 +323,14 @@ def test_runs_that_a_trigger_began_are_aligned(restarts: bool, tmp_path: Path) -
         rows = int(rng.integers(0, 10)) + 10 * np.arange(399 - int(rng.integers(0, 3)))
         ticks = np.arange(len(rows)) + (0 if restarts else sum(len(other) for other in runs))
         runs.append(run.iloc[rows].assign(time=0.01 * ticks, repeat=number))
-    recording = tw.read(written(pd.concat(runs), tmp_path), rig=planar_rig())
+    recording = tw.read(written(pd.concat(runs), tmp_path), rig=ARM_RIG)
     assert (recording.repeats, recording.continuous) == (6, False)
     assert fitted(recording) == pytest.approx(DRAG.c, abs=0.02)
 
 
 def test_repeats_of_very_different_length_are_refused(tmp_path: Path) -> None:
     with pytest.raises(tw.InputError, match=r"repeat 5, .* has 203 samples and others 304"):
-        tw.read(written(counted().iloc[:-100], tmp_path), rig=planar_rig())
+        tw.read(written(counted().iloc[:-100], tmp_path), rig=ARM_RIG)
 
 
 # ------------------------------------------------------------------------------------------ end to end
@@ -348,7 +343,7 @@ def test_from_a_log_without_repeats_to_the_verdict(
     space: str, hidden: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """With nothing hidden, or nothing more, the lack-of-fit test errs once in a hundred; seeds are fixed."""
-    simulated, text = (PlanarRig(), PLANAR_RIG) if space == "plane" else (SpatialRig(), SPATIAL_RIG)
+    simulated, text = (PlanarRig(), ARM_TEXT) if space == "plane" else (SpatialRig(), SPATIAL_RIG)
     frame = repeated(simulated, hidden=(DRAG,) if hidden else (), samples=2003, seed=2).iloc[31:-17]
     source, out, rig = written(frame, tmp_path), tmp_path / "rec.csv", tmp_path / "rig.toml"
     rig.write_text(text)

@@ -11,10 +11,10 @@ from estimation.recordings.motion import MotionForm
 from estimation.recordings.reading import SampleClock, from_columns, read
 from modeling.errors import InputError
 from modeling.rig import Rig
-from tests.shared.places import DATA
+from tests.shared.places import AIS2202, DATA, needs
+from tests.shared.rigs import ARM_RIG
 
 Array = NDArray[np.float64]
-ARM = Rig(link_lengths=(1.0, 0.97, 0.4))
 PERIOD, SAMPLES = 5.0, 500
 
 
@@ -40,7 +40,7 @@ def joint_motion(repeats: int = 1) -> dict[str, Array]:
 def test_joint_motion_gives_the_pose() -> None:
     columns = joint_motion(repeats=3)
     truth = {name: columns.pop(name) for name in ("ddq1", "ddq2", "ddq3")}
-    recording = from_columns(columns, rig=ARM)
+    recording = from_columns(columns, rig=ARM_RIG)
     assert (recording.form, recording.repeats, recording.continuous) == (MotionForm.JOINTS, 3, True)
     s = recording.signals
     for name, expected in truth.items():
@@ -61,7 +61,7 @@ def test_given_derivatives_are_used_and_the_rest_derived() -> None:
     columns = joint_motion(repeats=2)
     truth = {name: columns.pop(name) for name in ("ddq1", "ddq2", "ddq3")}
     marked = np.full(2 * SAMPLES, 0.125)
-    s = from_columns(columns | {"dq1": marked, "ddq2": marked}, rig=ARM).signals
+    s = from_columns(columns | {"dq1": marked, "ddq2": marked}, rig=ARM_RIG).signals
     np.testing.assert_array_equal(s["dq1"], marked)
     np.testing.assert_allclose(s["ddq1"], 0.0, atol=1e-9)
     np.testing.assert_array_equal(s["ddq2"], marked)
@@ -74,7 +74,7 @@ def test_restarting_time_and_pauses_part_the_runs(pause: float) -> None:
     columns["time"] = (
         np.tile(columns["time"][:SAMPLES], 3) if pause < 0 else columns["time"] + pause * columns["repeat"]
     )
-    recording = from_columns(columns, rig=ARM)
+    recording = from_columns(columns, rig=ARM_RIG)
     assert not recording.continuous
     assert recording.dt == pytest.approx(PERIOD / SAMPLES)
     assert recording.time is not None
@@ -198,7 +198,7 @@ def test_two_rates_are_no_clock() -> None:
         SampleClock.of(np.cumsum(steps))
 
 
-@pytest.mark.skipif(not DATA.exists(), reason=f"no recordings at {DATA}")
+@needs(DATA)
 def test_recordings_at_hand() -> None:
     for case in sorted((DATA / "planar").iterdir()):
         recording = read(case / "train.csv", rig=Rig.read(case / "rig.toml"))
@@ -206,8 +206,8 @@ def test_recordings_at_hand() -> None:
         assert recording.dt == pytest.approx(1 / 200)
         assert np.isfinite(list(recording.signals.values())).all()
     for name in ("baseline", "vibrations", "contact"):
-        recording = read(DATA / "ais2202" / f"{name}.csv")
+        recording = read(AIS2202 / f"{name}.csv")
         assert recording.dt == pytest.approx(1 / 698, rel=1e-3)
         # Half a turn about the sensor's y.
         assert np.abs(np.trapezoid(recording.signals["wy"], recording.time)) == pytest.approx(np.pi, rel=0.02)
-    assert read(DATA / "ais2202" / "calibration_poses.csv").at_rest
+    assert read(AIS2202 / "calibration_poses.csv").at_rest

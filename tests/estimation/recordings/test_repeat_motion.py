@@ -25,8 +25,8 @@ from estimation.recordings.reading_report import StepKind
 from estimation.recordings.recording import Recording
 from estimation.recordings.repeat_motion import difference_of, is_separated
 from modeling.errors import InputError
-from modeling.rig import Rig
 from modeling.significance import LEVELS
+from tests.shared.rigs import ARM_RIG, ARM_TEXT
 from truewrench.command_line import main
 from truewrench.simulated_rig import HiddenEffect, PlanarRig, SpatialRig, TimeDelay, ViscousDrag, simulate
 
@@ -34,7 +34,6 @@ pytest.importorskip("mujoco")
 
 Array = NDArray[np.float64]
 REPEATS, SAMPLES, PERIOD = 8, 300, 4.0
-PLANAR_RIG = "[robot]\nlink_lengths = [1.0, 0.97, 0.4]\n"
 FLOOR_TOLERANCE = 0.06
 """Of a std from 2100 differences: nearly four standard errors of 1.5 %."""
 
@@ -47,16 +46,12 @@ def nearly_repeated(
     return frame.assign(repeat=np.arange(len(frame)) // SAMPLES)
 
 
-def planar_rig() -> Rig:
-    return Rig(link_lengths=(1.0, 0.97, 0.4))
-
-
 def recorded(frame: pd.DataFrame, rig: PlanarRig | SpatialRig) -> Recording:
-    return tw.from_dataframe(frame, rig=planar_rig() if isinstance(rig, PlanarRig) else None)
+    return tw.from_dataframe(frame, rig=ARM_RIG if isinstance(rig, PlanarRig) else None)
 
 
 def model_of(rig: PlanarRig | SpatialRig) -> tw.WrenchModel:
-    return tw.planar(planar_rig()) if isinstance(rig, PlanarRig) else tw.spatial()
+    return tw.planar(ARM_RIG) if isinstance(rig, PlanarRig) else tw.spatial()
 
 
 # ------------------------------------------------------------------------------------- prediction
@@ -262,12 +257,12 @@ def test_a_repeat_out_of_phase_is_refused_by_its_number() -> None:
     measured = [name for name in frame if name not in ("time", "repeat")]
     rows = frame["repeat"] == 3
     frame.loc[rows, measured] = np.roll(frame.loc[rows, measured].to_numpy(), 30, axis=0)
-    recording = tw.from_dataframe(frame, rig=planar_rig())
+    recording = tw.from_dataframe(frame, rig=ARM_RIG)
     assert recording.reading is not None
     (said,) = recording.reading.of(StepKind.SUSPICIOUS)
     assert "the motion of repeat 3" in said.what
     with pytest.raises(InputError, match=r"repeat 3.* it is 0\.4 s late; leave it out"):
-        tw.fit(tw.planar(planar_rig()), recording)
+        tw.fit(tw.planar(ARM_RIG), recording)
 
 
 def test_a_pause_and_a_wrong_count_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -275,7 +270,7 @@ def test_a_pause_and_a_wrong_count_are_refused(tmp_path: Path, capsys: pytest.Ca
     paused = np.concatenate([np.arange(1000), np.full(60, 1000), np.arange(1000, len(frame) - 60)])
     wrong = {"paused": frame.iloc[paused].assign(time=frame["time"].to_numpy(), repeat=frame["repeat"].to_numpy())}
     wrong["counted wrongly"] = frame.iloc[: 6 * 270].assign(repeat=np.arange(6 * 270) // 270)
-    (tmp_path / "rig.toml").write_text(PLANAR_RIG)
+    (tmp_path / "rig.toml").write_text(ARM_TEXT)
     for name, log in wrong.items():
         path = tmp_path / f"{name}.csv"
         log.to_csv(path, index=False)
@@ -284,12 +279,12 @@ def test_a_pause_and_a_wrong_count_are_refused(tmp_path: Path, capsys: pytest.Ca
         assert "the motion of repeat" in said
         assert "--no-period" in said
         assert not (tmp_path / "out").exists()
-        assert tw.read(path, rig=planar_rig(), one_run=True).repeats == 1
+        assert tw.read(path, rig=ARM_RIG, one_run=True).repeats == 1
 
 
 def test_a_wrong_period_is_said_and_makes_one_run() -> None:
     frame = equal_repeats().drop(columns="repeat")
-    recording = tw.from_dataframe(frame, rig=planar_rig(), period=3.3)
+    recording = tw.from_dataframe(frame, rig=ARM_RIG, period=3.3)
     assert (recording.repeats, recording.samples) == (1, len(frame))
     assert recording.reading is not None
     (said,) = recording.reading.of(StepKind.SUSPICIOUS)
@@ -308,7 +303,7 @@ def test_repeats_that_differ_slightly_are_in_the_reading_report() -> None:
 
 def test_frames_and_arrays_are_cut_as_files_are(tmp_path: Path) -> None:
     frame = equal_repeats().drop(columns="repeat")
-    rig = planar_rig()
+    rig = ARM_RIG
     path = tmp_path / "log.csv"
     frame.to_csv(path, index=False)
     from_file = tw.read(path, rig=rig)
@@ -333,7 +328,7 @@ def test_fit_and_diagnose_take_the_period(tmp_path: Path, capsys: pytest.Capture
     noise = np.random.default_rng(1).standard_normal((len(frame), 3))
     frame[["q1", "q2", "q3"]] += 1e-5 * noise
     frame.to_csv(path, index=False)
-    rig.write_text(PLANAR_RIG)
+    rig.write_text(ARM_TEXT)
     assert main(["fit", str(path), "--rig", str(rig), "--period", "8", "--runs"]) == 0
     (row,) = [line.split() for line in capsys.readouterr().out.splitlines() if line.startswith("tau") and "±" in line]
     assert row[-2:] == ["3", "3"]  # repeats

@@ -22,7 +22,7 @@ from modeling.dynamics.oscillator import (
     interpolated,
 )
 from modeling.errors import InputError
-from tests.modeling.dynamics.test_dynamics import (
+from tests.shared.deflection_cases import (
     PERIOD,
     SPATIAL,
     TOOL,

@@ -22,14 +22,13 @@ from modeling.kinematics.placement import (
     quaternion_product,
     rotated_vector,
 )
-from modeling.kinematics.urdf import read_urdf
 from modeling.space import Space, signals
 from tests.shared.places import URDF
+from tests.shared.rigs import FRAMES, spatial_arm
 
 Array = NDArray[np.float64]
 States = tuple[Array, Array, Array]
 
-FRAMES = {"elbow": "tool0", "seven": "l8", "slide": "sensor", "planar": "sensor", "carriage": "sensor"}
 STATES = 200
 ROUNDING = 1e-10
 """Of sums of some hundred terms below 1e3 each, m/s² or rad/s²; 1e-13 is the largest seen."""
@@ -49,7 +48,7 @@ def name(request: pytest.FixtureRequest) -> str:
 
 @pytest.fixture(scope="module")
 def arm(name: str) -> SpatialArm:
-    return read_urdf(URDF / f"{name}.urdf", FRAMES[name])
+    return spatial_arm(name)
 
 
 def vectors(pose: dict[str, Array], prefix: str) -> Array:
@@ -151,7 +150,7 @@ def test_derivatives_are_those_in_time(arm: SpatialArm) -> None:
 
 def test_turning_from_the_quaternion_is_the_derivation_of_the_models_rotation() -> None:
     """omega and alpha by conj(s) ds agree with what SymPy derives from R' dR of `Space.SPACE`."""
-    arm = read_urdf(URDF / "elbow.urdf", "tool0")
+    arm = spatial_arm("elbow")
     h, (q, dq, ddq) = 1e-4, states_of(arm, 5)
     path = [arm.pose(q + dq * t + ddq * t**2 / 2, dq + ddq * t, ddq) for t in (-h, 0.0, h)]
     s = [np.stack([pose[name] for name in COMPONENTS]) for pose in path]
@@ -167,7 +166,7 @@ def test_turning_from_the_quaternion_is_the_derivation_of_the_models_rotation() 
 
 def test_an_arm_in_a_plane_is_the_planar_arm() -> None:
     """x right, z up; the planar phi is the turn about y, the sensor's z axis runs along the tip."""
-    arm = read_urdf(URDF / "planar.urdf", "sensor")
+    arm = spatial_arm("planar")
     states = states_of(arm)
     pose, plane = arm.pose(*states), PlanarArm((1.0, 0.97, 0.4)).pose(*states)
     pairs = {"px": "px", "pz": "py", "vpx": "vx", "vpz": "vy", "apx": "ax", "apz": "ay", "wy": "dphi", "aly": "ddphi"}
@@ -240,7 +239,7 @@ def test_an_arm_is_a_value(arm: SpatialArm) -> None:
 
 
 def test_some_joint_slides() -> None:
-    kinds = [j.kind for j in read_urdf(URDF / "slide.urdf", "sensor").chain]
+    kinds = [j.kind for j in spatial_arm("slide").chain]
     assert kinds == [JointKind.PRISMATIC, JointKind.REVOLUTE, JointKind.PRISMATIC, JointKind.REVOLUTE]
 
 

@@ -20,8 +20,8 @@ from matplotlib.transforms import BboxBase
 
 import truewrench as tw
 from modeling.table import Table
-from tests.diagnosis.test_given_effects import simulated
-from tests.truewrench.test_results import RESULTS, fitted
+from tests.shared.recordings import drag_and_leak
+from tests.shared.results import RESULTS, fitted
 from truewrench.plots.bokeh_chart import DARK, SYMBOLS, bokeh_chart, figures_of, legend_html, log_ticks
 from truewrench.plots.chart import Array, Chart, Level, Line, Panel, Points, decimated, in_rows, legend_labels
 from truewrench.plots.matplotlib_chart import draw_on, matplotlib_figure, typeset
@@ -273,8 +273,8 @@ def test_a_logarithmic_axis_has_a_few_ticks(decades: float) -> None:
 
 def test_each_panel_has_the_scale_of_what_it_shows() -> None:
     """The residual after is a tenth of that before, and its panel a tenth as high."""
-    before = tw.fit(tw.planar(fitted().recordings[0].rig), simulated(1))
-    chart = result_chart(tw.compare([before, RESULTS["study"]().fit], simulated(1)), kind="residual")
+    before = tw.fit(tw.planar(fitted().recordings[0].rig), drag_and_leak(1))
+    chart = result_chart(tw.compare([before, RESULTS["study"]().fit], drag_and_leak(1)), kind="residual")
     heights = [np.ptp(panel.y_limits) for panel in chart.rows[1] if panel is not None and panel.y_limits]
     for panel, height in zip(chart.rows[1], heights, strict=True):
         assert panel is not None

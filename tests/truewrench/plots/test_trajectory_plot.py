@@ -12,14 +12,12 @@ from design.random_feasible import random_feasible_trajectory
 from design.trajectories.fourier import FreeSeries, fourier_trajectory
 from design.trajectories.spline import RestToRest
 from design.trajectories.trajectory import Trajectory
-from modeling.kinematics.arm import Arm, PlanarArm
-from modeling.kinematics.urdf import read_urdf
+from modeling.kinematics.arm import Arm
 from modeling.rig import Limits, Workspace
-from tests.shared.places import URDF
+from tests.shared.rigs import ARM, spatial_arm
 from truewrench.plots.trajectory_plot import active_instants, farthest_points, link_positions, trajectory_figure
 
-ARM = PlanarArm((1.0, 0.97, 0.4))
-ELBOW = read_urdf(URDF / "elbow.urdf", "tool0")
+ELBOW = spatial_arm("elbow")
 
 
 def limits(joints: int, jerk: float | None = None) -> Limits:

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 import truewrench as tw
-from tests.shared.places import DATA
+from tests.shared.places import AIS2202, DATA, needs
 from truewrench.simulated_rig import HIDDEN_EFFECTS, HiddenEffect, PlanarRig, SpatialRig, simulate
 from truewrench.text.tool_text import tool_extent_text
 
@@ -53,7 +53,7 @@ def test_a_tool_with_a_hidden_effect_is_not_called_too_large(name: str) -> None:
     assert extent_of(recorded("planar", HIDDEN_EFFECTS[name]), "planar") == ""
 
 
-@pytest.mark.skipif(not DATA.exists(), reason=f"no recordings at {DATA}")
+@needs(DATA)
 @pytest.mark.parametrize("path", sorted(DATA.glob("planar/*/*.csv")), ids=lambda p: f"{p.parent.name}-{p.name}")
 def test_recordings_have_tools_of_the_size_of_tools(path: Path) -> None:
     """Planar ones of the puzzles, with a hidden effect each."""
@@ -62,12 +62,11 @@ def test_recordings_have_tools_of_the_size_of_tools(path: Path) -> None:
     assert tool_extent_text(tw.fit(tw.planar(recording.rig), recording)) == ""
 
 
-@pytest.mark.skipif(not DATA.exists(), reason=f"no recordings at {DATA}")
+@needs(DATA)
 @pytest.mark.parametrize("name", ["calibration_poses", "baseline", "vibrations", "contact"])
 def test_measured_recordings_have_tools_of_the_size_of_tools(name: str) -> None:
     """Among them motions that hardly excite the inertia."""
-    folder = DATA / "ais2202"
-    rig = tw.Rig.read(folder / "rig.toml")
-    recording = tw.read(folder / f"{name}.csv", rig=rig)
+    rig = tw.Rig.read(AIS2202 / "rig.toml")
+    recording = tw.read(AIS2202 / f"{name}.csv", rig=rig)
     assert np.isfinite(recording.wrench).all()
     assert tool_extent_text(tw.fit(tw.spatial(rig), recording)) == ""

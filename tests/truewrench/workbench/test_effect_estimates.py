@@ -9,7 +9,7 @@ import pytest
 import truewrench as tw
 from diagnosis.study import Study
 from modeling.formulas.custom_effect import CustomEffect
-from tests.truewrench.workbench.test_study_actions import simulated
+from tests.truewrench.workbench.requests import opening
 from truewrench.workbench.effect_estimates import effect_sizes, weakness
 from truewrench.workbench.study_words import StepLine
 
@@ -19,7 +19,7 @@ pytest.importorskip("mujoco")
 @pytest.fixture
 def study(tmp_path: Path) -> Study:
     """A rig with a drag, which is added."""
-    request = simulated(tmp_path)
+    request = opening(tmp_path)
     begun = tw.study(request["rig"], request["recordings"])
     begun.add("viscous_drag")
     return begun

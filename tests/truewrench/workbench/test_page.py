@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from tests.truewrench.workbench.browser import browser, idle, ready, workbench
-from tests.truewrench.workbench.test_request_guard import answer
+from tests.truewrench.workbench.requests import answer
 from truewrench.files import demonstration
 
 if TYPE_CHECKING:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from tests.truewrench.workbench.browser import browser, ready
-from tests.truewrench.workbench.test_request_guard import address  # noqa: F401  # a fixture
 
 
-def test_the_page_paints_and_says_what_is_wrong(address: str) -> None:  # noqa: F811
+def test_the_page_paints_and_says_what_is_wrong(address: str) -> None:
     with browser() as opened:
         page = ready(opened, address)
         assert page.is_visible("text=Open a recording")

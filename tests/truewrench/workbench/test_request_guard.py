@@ -2,52 +2,12 @@
 
 from __future__ import annotations
 
-import asyncio
-from collections.abc import Iterator
-from http.client import HTTPConnection
-from threading import Event, Thread
 from urllib.parse import urlsplit
 
 import pytest
 
-from truewrench.workbench.page import Start
-from truewrench.workbench.server import MOST_PAGES, WorkbenchServer
-
-
-@pytest.fixture(scope="module")
-def address() -> Iterator[str]:
-    """A server in a thread of this process; no page is opened by a browser, so no process of a study starts."""
-    begun, found = Event(), list[WorkbenchServer]()
-
-    def serve() -> None:
-        asyncio.set_event_loop(loop := asyncio.new_event_loop())
-        server = WorkbenchServer(Start())
-        found.append(server)
-        begun.set()
-        server.run(prepared=True)
-        loop.close()
-
-    thread = Thread(target=serve)
-    thread.start()
-    assert begun.wait(30)
-    yield found[0].address
-    found[0].stop()
-    thread.join(30)
-    assert not thread.is_alive()
-
-
-def answer(address: str, path: str = "", method: str = "GET", **headers: str) -> tuple[int, str]:
-    """Status and text of a request to a path below the address, its headers with `_` for `-`."""
-    parts = urlsplit(address)
-    connection = HTTPConnection(str(parts.hostname), parts.port, timeout=30)
-    connection.putrequest(method, parts.path + path if not path.startswith("/") else path, skip_host="Host" in headers)
-    for name, value in headers.items():
-        connection.putheader(name.replace("_", "-"), value)
-    connection.endheaders()
-    response = connection.getresponse()
-    found = response.status, response.read().decode(errors="replace")
-    connection.close()
-    return found
+from tests.truewrench.workbench.requests import answer
+from truewrench.workbench.server import MOST_PAGES
 
 
 def test_the_address_listens_on_this_machine_alone_and_holds_a_token(address: str) -> None:

@@ -11,8 +11,7 @@ import pytest
 from design.limits import arm_and_limits
 from modeling.errors import InputError
 from modeling.rig import Rig
-from truewrench.files.demonstration import rig_text
-from truewrench.simulated_rig import PlanarRig, ViscousDrag, simulate, write_recording
+from tests.truewrench.workbench.requests import opening
 from truewrench.workbench.page_update import PageUpdate
 from truewrench.workbench.study_actions import StudyActions
 
@@ -21,22 +20,11 @@ pytest.importorskip("mujoco")
 FORM = {"id": "hose", "stage": "tip_body", "parameters": "c: N*s/m", "formulas": "force_x = -c*tip_vx", "at": "0.1"}
 
 
-def simulated(folder: Path, hostile: str = "") -> dict[str, Any]:
-    """Request to open a recording of a rig with a drag; `hostile` names a column more."""
-    rig = PlanarRig()
-    frame = simulate(rig, rig.random_motion(seed=1), hidden=[ViscousDrag()], repeats=4, samples_per_period=150, seed=1)
-    if hostile:
-        frame[hostile] = range(len(frame))
-    (folder / "rig.toml").write_text(rig_text(rig), encoding="utf-8")
-    write_recording(frame, folder / "train.csv")
-    return {"do": "open", "recordings": [str(folder / "train.csv")], "rig": str(folder / "rig.toml")}
-
-
 @pytest.fixture(scope="module")
 def begun(tmp_path_factory: pytest.TempPathFactory) -> StudyActions:
     """A study, opened once."""
     found = StudyActions(lambda _text: None)
-    found.answer(simulated(tmp_path_factory.mktemp("recording")))
+    found.answer(opening(tmp_path_factory.mktemp("recording")))
     return found
 
 
@@ -179,13 +167,13 @@ def test_a_closest_effect_is_offered_for_separation(actions: StudyActions) -> No
 def test_names_of_users_are_escaped(tmp_path: Path) -> None:
     """A column with HTML in its name is a variable of the maps, and its name is text."""
     actions = StudyActions(lambda _text: None)
-    begun = actions.answer(simulated(tmp_path, "<img src=x onerror=alert(1)>"))
+    begun = actions.answer(opening(tmp_path, "<img src=x onerror=alert(1)>"))
     words = "".join([*begun.words.values(), *asked(actions, "view", view="map").words.values()])
     assert "<img" not in words
 
 
 def test_a_table_of_nothing_is_one_clear_line(tmp_path: Path) -> None:
-    request = simulated(tmp_path)
+    request = opening(tmp_path)
     table = Path(request["recordings"][0])
     head, *rows = table.read_text(encoding="utf-8").splitlines()
     table.write_text("\n".join([head, *(",".join("nan" for _ in row.split(",")) for row in rows)]), encoding="utf-8")
