@@ -1,4 +1,4 @@
-"""A chart: panels of marks with data, labels and units; matplotlib, plotly and Bokeh draw it from the same numbers."""
+"""A chart: panels of marks with data, labels and units; matplotlib and Bokeh draw it from the same numbers."""
 
 from __future__ import annotations
 
@@ -39,7 +39,10 @@ class Line:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Points:
-    """Values y (n,) at x (n,), with intervals from low to high (n,) where there are any, and notes left of them."""
+    """Values y (n,) at x (n,), with bars from low to high (n,) where there are any, and notes left of them.
+
+    interval   what the bars are, where they are intervals of the values: "95 %"
+    """
 
     x: Array
     y: Array
@@ -49,6 +52,7 @@ class Points:
     symbol: str = "o"
     low: Array | None = None
     high: Array | None = None
+    interval: str = ""
     notes: tuple[str, ...] = ()
     label: str = ""
 

@@ -309,7 +309,7 @@ def _points(models: Sequence[LabelledParameters], name: str) -> Iterator[Points]
             yield Points(
                 x=np.array([float(number)]), y=np.array([found.value]), low=np.array([low]), high=np.array([high]),
                 colour=COLOURS[number % len(COLOURS)] if several else ADEQUATE_COLOUR, size=5,
-                symbol=SYMBOLS[number // len(COLOURS) % len(SYMBOLS)],
+                interval="95 %", symbol=SYMBOLS[number // len(COLOURS) % len(SYMBOLS)],
                 label=model.label if several else "estimate with 95 % interval",
             )  # fmt: skip
 

@@ -44,7 +44,6 @@ MAX_MAPS = 4
 """Residual maps side by side."""
 COLOURS = (MISFIT_COLOUR, ADEQUATE_COLOUR, HELD_OUT)
 """Of models side by side, over again after the last."""
-BACKENDS = ("matplotlib", "plotly")
 
 Draw = Callable[[Any, str | None], Any]
 """What a kind of figure shows of a result, for a channel or None: a chart; a figure that matplotlib alone draws."""
@@ -60,16 +59,21 @@ def result_figure(
 ) -> Any:
     """The figure of a result; `channel` for those of one channel, by default the worst.
 
-    Raises InputError for a result without a figure, and a kind, channel, backend or axes that it has not.
+    Of matplotlib, else an `InteractiveFigure`, whatever other name `backend` is.
+
+    Raises InputError for a result without a figure, and a kind, channel or axes that it has not.
     """
-    if backend not in BACKENDS:
-        raise InputError(what=f"no backend is {quoted(backend)}", where="plot", remedy=suggestion(backend, BACKENDS))
     if backend == "matplotlib" and ax is None:
         shown = _shown(result)
         return _drawn(_chosen(_figures(shown), kind)(shown, channel))
     chart = result_chart(result, kind=kind, channel=channel)
-    if backend == "plotly":
-        return _interactive(chart, ax)
+    if backend != "matplotlib":
+        if ax is not None:
+            remedy = 'leave ax out, or backend="matplotlib"'
+            raise InputError(what="an interactive figure has no axes of matplotlib", where="plot", remedy=remedy)
+        from truewrench.plots.interactive_figure import InteractiveFigure  # loads Bokeh
+
+        return InteractiveFigure(chart)
     from truewrench.plots.matplotlib_chart import draw_on
 
     return draw_on(ax, chart)
@@ -98,17 +102,6 @@ def _drawn(found: Any) -> Any:
     from truewrench.plots.matplotlib_chart import matplotlib_figure
 
     return matplotlib_figure(found) if isinstance(found, Chart) else found
-
-
-def _interactive(chart: Chart, ax: Any) -> Any:
-    if ax is not None:
-        remedy = 'leave ax out, or backend="matplotlib"'
-        raise InputError(what="plotly has no axes of matplotlib", where="plot", remedy=remedy)
-    try:
-        from truewrench.plots.plotly_chart import plotly_figure  # loads plotly
-    except ModuleNotFoundError:
-        raise InputError(what="plotly is not installed", where="plot", remedy="pip install plotly") from None
-    return plotly_figure(chart)
 
 
 def _figures(result: Any) -> Mapping[str, Draw]:

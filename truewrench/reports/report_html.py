@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from diagnosis.comparison.compared_step import error_table, noise_floors, systematic_error, systematic_error_text
 from diagnosis.comparison.comparison import Comparison
@@ -22,27 +23,24 @@ from modeling.number_format import P_VALUE, SHARE, FormattedQuantity, format_num
 from modeling.rig import Convention
 from modeling.table import Column, Table
 from truewrench.files.output import atomic_write
+from truewrench.plots.interactive_figure import InteractiveFigure, shared_columns
+from truewrench.plots.matplotlib_chart import matplotlib_figure
 from truewrench.plots.parameters_plot import error_reduction_image
-from truewrench.plots.residual_plots import residual_map_figure, residual_spectrum_figure
+from truewrench.plots.residual_plots import residual_map_figure, residual_spectrum_chart, residual_spectrum_figure
 from truewrench.plots.svg_image import SvgImage
 from truewrench.plots.time_series_plot import (
     MIN_SIGNAL_TO_NOISE,
     LabelledComparison,
     nonperiodic_residual,
     nonperiodic_residual_figure,
+    overlaid_chart,
     std_of_interval_means,
-    time_series_figure,
+    time_series_chart,
     worst_channel,
     worst_channel_figure,
 )
 from truewrench.reports.effect_row import EffectRow, effect_cards, effect_row
-from truewrench.reports.page_templates import (
-    ZoomableFigure,
-    html_page,
-    points_of_line,
-    zoomable_series,
-    zoomable_spectrum,
-)
+from truewrench.reports.page_templates import html_page
 from truewrench.reports.parameter_changes import ParameterChanges, compared_models, worst_recording
 from truewrench.reports.report_files import Provenance, ReportTexts
 from truewrench.text.diagnosis_text import (
@@ -174,8 +172,8 @@ class RecordingSection:
     fitted: bool
     repeats: bool
     series: tuple[SvgImage, ...]
-    zoomable: tuple[ZoomableFigure, ...] = ()
-    zoomable_spectra: tuple[tuple[str, ZoomableFigure], ...] = ()
+    zoomable: tuple[InteractiveFigure, ...] = ()
+    zoomable_spectra: tuple[tuple[str, InteractiveFigure], ...] = ()
     nonperiodic: SvgImage | None = None
     maps: tuple[SvgImage, ...] = ()
     spectrum: SvgImage | None = None
@@ -185,33 +183,47 @@ class RecordingSection:
 Sides = Sequence[LabelledComparison]
 
 
-def line_count(recordings: Sequence[Sides]) -> int:
-    """Lines of all zoomable series, which share the numbers of a report."""
-    return sum(len(sides[0].recording.channels) * (2 + 2 * len(sides)) for sides in recordings)
+def sharing_numbers(sections: Iterable[RecordingSection]) -> list[RecordingSection]:
+    """The sections of a page, their interactive figures sharing the numbers that a page holds."""
+    shown = list(sections)
+    spectra = [figure for section in shown for _, figure in section.zoomable_spectra]
+    columns = shared_columns([f.chart for f in (*spectra, *(f for section in shown for f in section.zoomable))])
+    return [
+        replace(
+            section,
+            zoomable=tuple(replace(f, columns=columns) for f in section.zoomable),
+            zoomable_spectra=tuple((name, replace(f, columns=columns)) for name, f in section.zoomable_spectra),
+        )
+        for section in shown
+    ]
 
 
-def full_section(sides: Sides, tolerance: Mapping[str, float], points: int) -> RecordingSection:
-    """Time series, residual maps and spectrum of one recording; `points` of each zoomable line."""
+def full_section(sides: Sides, tolerance: Mapping[str, float]) -> RecordingSection:
+    """Time series, residual maps and spectrum of one recording."""
     recording = sides[0].recording
     periodic = recording.repeats > 1 and recording.continuous and not recording.at_rest
     alt = "Amplitude spectrum of the residual, per channel."
     return replace(
-        short_section(sides, points, fitted=True),
+        short_section(sides, fitted=True),
         maps=_map_images(sides, tolerance),
         spectrum=None if recording.at_rest else SvgImage(lambda: residual_spectrum_figure(sides), alt),
         zoomable_spectra=()
         if recording.at_rest
-        else tuple((name, zoomable_spectrum(sides, i)) for i, name in enumerate(recording.channels)),
+        else tuple(
+            (name, InteractiveFigure(residual_spectrum_chart(sides, i))) for i, name in enumerate(recording.channels)
+        ),
         nonperiodic=_nonperiodic_residual_image(sides) if periodic else None,
     )
 
 
-def short_section(sides: Sides, points: int, *, fitted: bool) -> RecordingSection:
+def short_section(sides: Sides, *, fitted: bool) -> RecordingSection:
     """Facts and time series of a recording."""
     recording = sides[0].recording
-    repeats, series = recording.repeats > 1, _series_images(sides)
-    zoomable = tuple(zoomable_series(sides, i, points) for i in range(len(recording.channels)))
-    return RecordingSection(recording.name, recording_facts(recording), fitted, repeats, series, zoomable)
+    return RecordingSection(
+        recording.name, recording_facts(recording), fitted, repeats=recording.repeats > 1,
+        series=_series_images(sides),
+        zoomable=tuple(InteractiveFigure(overlaid_chart(sides, i)) for i in range(len(recording.channels))),
+    )  # fmt: skip
 
 
 def _nonperiodic_residual_image(sides: Sequence[LabelledComparison]) -> SvgImage:
@@ -226,22 +238,23 @@ def diagnosis_sections(diagnosis: Diagnosis) -> list[RecordingSection]:
     """A section for each fitted recording, then for each validation one, with its recording-specific disturbances."""
     fitted = [compared_models(diagnosis, i) for i in range(len(diagnosis.steps[0].training))]
     held_out = [compared_models(diagnosis, i, held_out=True) for i in range(len(diagnosis.steps[0].validation))]
-    points = points_of_line(line_count([*fitted, *held_out]))
     own = [tuple(str(o) for o in diagnosis.disturbances if o.recording is sides[0].recording) for sides in held_out]
-    return [
-        *(full_section(sides, diagnosis.tolerance, points) for sides in fitted),
-        *(
-            replace(short_section(sides, points, fitted=False), disturbances=disturbances)
-            for sides, disturbances in zip(held_out, own, strict=True)
-        ),
-    ]
+    tested = (
+        replace(short_section(sides, fitted=False), disturbances=disturbances)
+        for sides, disturbances in zip(held_out, own, strict=True)
+    )
+    return sharing_numbers([*(full_section(sides, diagnosis.tolerance) for sides in fitted), *tested])
 
 
 def _series_images(sides: Sequence[LabelledComparison]) -> tuple[SvgImage, ...]:
     return tuple(
-        SvgImage(partial(time_series_figure, sides, i), f"{c}: measured and predicted; below, the residual.")
+        SvgImage(partial(_series_figure, sides, i), f"{c}: measured and predicted; below, the residual.")
         for i, c in enumerate(sides[0].recording.channels)
     )
+
+
+def _series_figure(sides: Sides, channel: int) -> Figure:
+    return matplotlib_figure(time_series_chart(sides, channel))
 
 
 def _map_images(sides: Sequence[LabelledComparison], tolerance: Mapping[str, float]) -> tuple[SvgImage, ...]:
