@@ -320,3 +320,8 @@ def test_a_notebook_shows_it() -> None:
     with pytest.raises(tw.InputError, match="no numbers to draw"):
         Table.of(("name",), [("text",)]).plot()
     assert draw_on(Figure().subplots(), chart_of("fit", "correlation")).axes
+
+
+def test_numbers_of_a_shared_axis_are_below_the_lowest_panel_alone() -> None:
+    drawn: list[Any] = figures_of(bokeh_chart(chart_of("study", "residual")))
+    assert [figure.xaxis[0].major_label_text_color is None for figure in drawn[:: len(drawn) - 1]] == [True, False]

@@ -158,10 +158,12 @@ def bokeh_chart(chart: Chart, scheme: Scheme = LIGHT, *, columns: int | None = N
             if panel is None or named is None:
                 figures.append(Spacer(sizing_mode="stretch_width"))
                 continue
-            empty = _linked_figure(chart, panel, (number, place), shared)
-            drawing = _Drawing(empty, panel, scheme, columns or LINE_COLUMNS, _series_of(panel))
+            drawn = _linked_figure(chart, panel, (number, place), shared)
+            drawing = _Drawing(drawn, panel, scheme, columns or LINE_COLUMNS, _series_of(panel))
             _draw_panel(drawing, named, served=columns is None)
-            figures.append(drawing.figure)
+            if chart.shared_x and not panel.x_label:  # the numbers of the lowest panel are below
+                drawn.xaxis.major_label_text_font_size, drawn.xaxis.major_label_text_color = "1px", None
+            figures.append(drawn)
         lines.append(row(*figures, sizing_mode="stretch_width", spacing=10, styles={"flex-wrap": "wrap"}))
     return column(*lines, sizing_mode="stretch_width", spacing=4)
 
@@ -230,11 +232,6 @@ def _linked_figure(chart: Chart, panel: Panel, at: tuple[int, int], shared: dict
         "toolbar_location": "right", "min_border_left": LEFT, "min_border_right": RIGHT,
     }  # fmt: skip
     drawn = figure(height=int(height), sizing_mode="stretch_width", min_width=LEAST, **options)
-    if chart.shared_x and not panel.x_label:
-        drawn.xaxis.major_label_text_font_size, drawn.xaxis.major_label_text_color = (
-            "1px",
-            None,
-        )  # those of the lowest panel are below
     shared.setdefault(("x", place), drawn.x_range)
     shared.setdefault(("y", number), drawn.y_range)
     return drawn

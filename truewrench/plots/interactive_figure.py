@@ -26,6 +26,8 @@ from truewrench.plots.chart import Chart, Line
 
 MOST_VALUES = 250_000
 """Numbers that the lines of the figures of a page share: 1.3 MB. Every sample is there, up to this many."""
+SCREEN_SCALE = 1.5
+"""Of a panel's height: a screen has more room than a page."""
 ON_ANY_PAPER = replace(LIGHT, paper="rgba(0, 0, 0, 0)")
 """Colours as in print, through which the page's paper is seen; its script changes them where that is dark."""
 FEWEST_COLUMNS = 250
@@ -45,7 +47,8 @@ class InteractiveFigure:
     @property
     def layout(self) -> Any:
         """The figures of Bokeh, a column of rows, for who wants to change them; they are made anew each time."""
-        return bokeh_chart(self.chart, ON_ANY_PAPER, columns=self.columns)
+        enlarged = replace(self.chart, row_height=SCREEN_SCALE * self.chart.row_height)
+        return bokeh_chart(enlarged, ON_ANY_PAPER, columns=self.columns)
 
     @property
     def json(self) -> str:
@@ -77,7 +80,7 @@ class InteractiveFigure:
 
     def _repr_html_(self) -> str:
         """The page in a frame, which a notebook asks for."""
-        height = int(120 + 1.3 * len(self.chart.rows) * (self.chart.row_height + 40))
+        height = int(120 + SCREEN_SCALE * len(self.chart.rows) * (self.chart.row_height + 40))
         return f'<iframe srcdoc="{escape(self.html)}" style="width: 100%; height: {height}px; border: 0"></iframe>'
 
 

@@ -150,7 +150,7 @@ def running_mean(y: Array, length: int) -> Array:
 
 HEIGHT = 100
 """Mean height of the two panels."""
-OVERLAID_HEIGHT = 220
+OVERLAID_HEIGHT = 145
 """Of each of two panels as wide as the page."""
 TREND_PARTS = 80
 """Intervals of a repeat over which the trend is averaged."""
