@@ -152,7 +152,7 @@ def bokeh_chart(chart: Chart, scheme: Scheme = LIGHT, *, columns: int | None = N
     shared: dict[tuple[str, int], Any] = {}
     lines = []
     for number, panels in enumerate(chart.labelled_rows):
-        figures = []
+        figures: list[Any] = []
         for place, panel in enumerate(panels):
             named = chart.rows[number][place]
             if panel is None or named is None:

@@ -10,6 +10,7 @@ from diagnosis.comparison.comparison import Comparison
 from diagnosis.comparison.model_comparison import ModelComparison
 from diagnosis.study import Study
 from diagnosis.verdict.aliasing import channel_tolerance
+from diagnosis.verdict.unexplained_residual import unknown_tool_sentences
 from modeling.number_format import axis_label
 from modeling.significance import LEVELS
 from modeling.table import Column, Table
@@ -127,7 +128,7 @@ def _values(summary: FitSummary, provenance: Provenance) -> dict[str, Any]:
         "remark": f"{remark[:1].upper()}{remark[1:]}",
         "errors": _error_table(summary),
         "parameters": ParameterChanges(None, fit, known=not summary.unknown_tool),
-        "unknown_tool": summary.unknown_tool,
+        "unknown_tool": unknown_tool_sentences(summary.unknown_tool),
         "cards": effect_cards(fit),
         "recordings": _sections(summary),
     }

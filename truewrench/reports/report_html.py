@@ -15,7 +15,7 @@ from diagnosis.comparison.compared_step import error_table, noise_floors, system
 from diagnosis.comparison.comparison import Comparison
 from diagnosis.comparison.residual_map import ResidualMap, residual_maps
 from diagnosis.diagnosis import Diagnosis
-from diagnosis.verdict.unexplained_residual import motion_notes
+from diagnosis.verdict.unexplained_residual import unknown_tool_sentences
 from diagnosis.verdict_rule import EffectVerdict, RecordVerdict
 from estimation.recordings.recording import Recording
 from modeling.noise import NoiseSource
@@ -47,12 +47,13 @@ from truewrench.text.diagnosis_text import (
     CANDIDATES_NOTE,
     EFFECT_VERDICT_LABELS,
     RECORD_VERDICT_LABELS,
+    TOTAL_RMS_NOTE,
     base_name,
     disturbance_sentences,
+    evidence_notes,
     finding_sentence,
     fixed_point_sentence,
     given_sentences,
-    noise_notes,
     step_names,
     verdict_headline,
     weaker_verdict_warning,
@@ -141,15 +142,12 @@ def _notes(diagnosis: Diagnosis) -> list[str]:
     rig = first.recording.rig
     stated = rig is not None and rig.sensor.tolerance is not None
     p_value = format_p_value(diagnosis.stated_lack_of_fit)
-    calibration = "; ".join(diagnosis.calibration_sentences)
     return [
-        *noise_notes(diagnosis),
-        *motion_notes(diagnosis.steps[-1].training, diagnosis.fit.model),
+        *evidence_notes(diagnosis),
         CONVENTION_SENTENCES[diagnosis.model.convention]
         + (" The sensor's y axis runs along the tip." if diagnosis.model.mirror_y else ""),
         f"Tolerance: {'as stated in the rig file' if stated else 'a tenth of the noise floor'}.",
         f"Lack-of-fit test of the final model: p = {p_value}".replace("p = <", "p <") + " (significant below 0.01).",
-        *([f"Calibration: {calibration}."] if calibration else []),
     ]
 
 
@@ -238,10 +236,13 @@ def diagnosis_sections(diagnosis: Diagnosis) -> list[RecordingSection]:
     """A section for each fitted recording, then for each validation one, with its recording-specific disturbances."""
     fitted = [compared_models(diagnosis, i) for i in range(len(diagnosis.steps[0].training))]
     held_out = [compared_models(diagnosis, i, held_out=True) for i in range(len(diagnosis.steps[0].validation))]
-    own = [tuple(str(o) for o in diagnosis.disturbances if o.recording is sides[0].recording) for sides in held_out]
+    said = list(zip(diagnosis.disturbances, disturbance_sentences(diagnosis), strict=True))
     tested = (
-        replace(short_section(sides, fitted=False), disturbances=disturbances)
-        for sides, disturbances in zip(held_out, own, strict=True)
+        replace(
+            short_section(sides, fitted=False),
+            disturbances=tuple(sentence for d, sentence in said if d.recording is sides[0].recording),
+        )
+        for sides in held_out
     )
     return sharing_numbers([*(full_section(sides, diagnosis.tolerance) for sides in fitted), *tested])
 
@@ -324,6 +325,7 @@ def _values(diagnosis: Diagnosis, provenance: Provenance) -> dict[str, Any]:
         "error_image": error_reduction_image(*series) if changed or has_repeats else None,
         "error_table": error_table(*series),
         "has_repeats": has_repeats,
+        "total_rms_note": TOTAL_RMS_NOTE,
         "steps_heading": "Error after each selection step" if changed else f"Error of the {base_name(diagnosis)}",
         "recordings": diagnosis_sections(diagnosis),
         "cards": effect_cards(diagnosis.fit),
@@ -338,7 +340,7 @@ def _values(diagnosis: Diagnosis, provenance: Provenance) -> dict[str, Any]:
         "parameters": ParameterChanges(
             diagnosis.steps[0].fit if changed else None, diagnosis.fit, known=not diagnosis.tool_unknown
         ),
-        "unknown_tool": diagnosis.tool_unknown,
+        "unknown_tool": unknown_tool_sentences(diagnosis.tool_unknown),
         "zero_shift": _by_channel(diagnosis, diagnosis.zero_shift or {}),
         "unexplained": diagnosis.unexplained,
         "unexplained_sizes": _by_channel(

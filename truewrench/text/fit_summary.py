@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import isfinite
@@ -24,11 +24,12 @@ from estimation.pose_advice import PoseAdvice
 from estimation.repeat_table import RepeatTable
 from estimation.robust_fit import RobustFit
 from modeling.noise import NoiseSource
-from modeling.number_format import estimate_text, interval_text
+from modeling.number_format import as_sentence, estimate_text, interval_text
 from modeling.significance import LEVELS
 from modeling.table import Table
 from truewrench.effect_description.effect_size import size_sentence
 from truewrench.files.case_files import frame_sentences, frames_data
+from truewrench.text.diagnosis_text import WEAKER
 from truewrench.text.tool_text import LEGEND, NOT_KNOWN, tool_extent_text, tool_text
 
 ADVICE = (
@@ -98,27 +99,22 @@ class FitSummary:
 
     def headline(self) -> str:
         """Whether the model fits, before any number of it: the std of a model that does not fit means nothing."""
-        unfinished = [] if self.fit.converged else [f"{NOT_CONVERGED[0].upper()}{NOT_CONVERGED[1:]}."]
+        unfinished = [] if self.fit.converged else [as_sentence(NOT_CONVERGED)]
         return "\n".join([*unfinished, self._agreement(), *self.notes])
 
     def _agreement(self) -> str:
         """Whether the residual is that of a model that fits."""
-        from_residual = any(c.noise.source is NoiseSource.RESIDUAL for c in self.comparisons)
         if self.misfitting:
-            names = " and ".join(c.recording.name for c in self.misfitting)
+            said = agreement_text([c.recording.name for c in self.misfitting])
             return (
-                f"The model does not fit {names}: something is missing in it. Stds and intervals hold for noise alone,"
-                " and are too small here; `truewrench diagnose` or `tw.diagnose` searches for what is missing."
+                f"{said} Stds and intervals hold for noise alone, and are too small here; `truewrench diagnose` or"
+                " `tw.diagnose` searches for what is missing."
             )
         if self.deviating:
             names = " and ".join(self.deviating)
             return f"The model fits the whole repeats of {names}, but not the readings outside them."
-        if from_residual:
-            return (
-                "No lack of fit was found, but the noise is taken from the residual itself, so that systematic error"
-                " may count as noise: record repeats, or state the noise in the rig file."
-            )
-        return "The model fits: the residual is consistent with the noise."
+        from_residual = any(c.noise.source is NoiseSource.RESIDUAL for c in self.comparisons)
+        return agreement_text((), from_residual=from_residual)
 
     @cached_property
     def unknown_tool(self) -> str:
@@ -133,8 +129,8 @@ class FitSummary:
     @cached_property
     def notes(self) -> list[str]:
         """What the motion leaves unknown, what remains slowly, and the rows that the fit is not about."""
-        slow = [f"{s.sentence[0].upper()}{s.sentence[1:]}." for s in self.slow]
-        rows = [own.sentence for own in self.rows_left_out]
+        slow = [as_sentence(remainder.sentence) for remainder in self.slow]
+        rows = [left_out.sentence for left_out in self.rows_left_out]
         return [*motion_notes(self.comparisons, self.fit.model), *slow, *rows]
 
     def parameters(self) -> str:
@@ -212,10 +208,21 @@ class FitSummary:
         return data | frames_data(case)
 
 
+def agreement_text(misfitting: Sequence[str], *, from_residual: bool = False) -> str:
+    """Whether a model fits, by the names of the recordings that it does not fit and where the noise comes from."""
+    if misfitting:
+        return f"The model does not fit {' and '.join(misfitting)}: something is missing in it."
+    if from_residual:
+        return (
+            f"No lack of fit was found, but {WEAKER[NoiseSource.RESIDUAL]}: record repeats, or state the noise in the"
+            " rig file."
+        )
+    return "The model fits: the residual is consistent with the noise."
+
+
 def _failure(comparison: Comparison, tolerance: Mapping[str, float]) -> str:
     """The largest of a recording's residual in words."""
-    found = describe_residual(comparison, tolerance)
-    return f"{found.where}; resembles {found.resembles}."
+    return f"{describe_residual(comparison, tolerance).text}."
 
 
 def repeatability_text(found: RepeatTable, *, runs: bool) -> str:

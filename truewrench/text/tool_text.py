@@ -6,6 +6,7 @@ from math import isfinite, sqrt
 
 import numpy as np
 
+from diagnosis.verdict.unexplained_residual import unknown_tool_sentences
 from estimation.centre_of_mass import CentreOfMass
 from estimation.fit import Fit
 from estimation.least_squares.estimates import NOT_CONVERGED
@@ -92,7 +93,7 @@ def tool_text(fitted: Fit, *, misfitting: bool, unknown: str = "") -> str:
     if not isfinite(mass.std):
         return ""
     if unknown:
-        return f"Tool: not known, as {unknown}."
+        return unknown_tool_sentences(unknown)[0]
     if abs(mass.value) < SIGNIFICANT * mass.std:
         found, why = ("not known", TOO_STILL) if _may_be_heavy(fitted) else ("none", WEIGHTLESS)
         return f"Tool: {found}, m {estimate_text(mass.value, mass.std, mass.unit)}: {why}"

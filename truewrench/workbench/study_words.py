@@ -34,12 +34,14 @@ from truewrench.files.case_files import frame_sentences
 from truewrench.reports.effect_row import effect_row
 from truewrench.text.diagnosis_text import (
     RECORD_VERDICT_LABELS,
+    TOTAL_RMS_NOTE,
     disturbance_sentences,
+    evidence_notes,
     given_sentences,
-    noise_notes,
     verdict_headline,
     weaker_verdict_warning,
 )
+from truewrench.text.fit_summary import agreement_text
 from truewrench.text.tool_text import tool_text
 from truewrench.workbench.effect_estimates import effect_sizes, weakness
 from truewrench.workbench.page_update import PLACES, with_field_names
@@ -278,11 +280,11 @@ def steps_words(study: Study, *, puzzle: bool) -> str:
         rows=[[c.text(v) for c, v in zip(table.columns, row, strict=True)] for row in table.rows],
         effects=[_effect_values(effect, study) for effect in study.model.effects],
         failing=study.steps[-1].misfitting,
+        agreement=agreement_text(study.steps[-1].misfitting, from_residual=noise_from_residual(study.fit)),
         undone=study.undone,
         tool=tool_text(study.fit, misfitting=bool(study.misfitting), unknown=unknown),
         parameters=Markup(study.fit.table),
         puzzle=puzzle,
-        weak=noise_from_residual(study.fit),
     )
 
 
@@ -346,7 +348,7 @@ def verdict_words(diagnosis: Diagnosis) -> str:
         label=RECORD_VERDICT_LABELS[diagnosis.verdict],
         headline=verdict_headline(diagnosis),
         rows=[row for row in rows if row.finding.verdict in leading],
-        notes=[with_field_names(n) for n in (*disturbance_sentences(diagnosis), *noise_notes(diagnosis))],
+        notes=[with_field_names(n) for n in (*disturbance_sentences(diagnosis), *evidence_notes(diagnosis))],
         alternatives=given_sentences(diagnosis),
         warning=weaker_verdict_warning(diagnosis),
     )
@@ -371,6 +373,7 @@ def view_words(view: View, study: Study, maps: Sequence[ResidualMap]) -> str:
         fitting=not step.misfitting,
         cells=_significant_cells(maps),
         fits=several[view.recording][0].remarks(),
+        total_rms_note=TOTAL_RMS_NOTE,
     )
 
 
