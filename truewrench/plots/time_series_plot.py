@@ -118,7 +118,7 @@ def nonperiodic_residual(side: LabelledComparison) -> tuple[Array, Array]:
     residual = side.comparison.residual
     blocks = (residual - recording.averaged(residual)).reshape(recording.repeats, recording.samples_per_repeat, -1)
     parts = min(INTERVALS, recording.samples_per_repeat)
-    means = [part.mean(axis=1) for part in np.array_split(blocks, parts, axis=1)]
+    means = [interval.mean(axis=1) for interval in np.array_split(blocks, parts, axis=1)]
     series = np.stack(means, axis=1).reshape(recording.repeats * parts, -1)
     span = recording.samples * sample_step(recording) / len(series)
     return np.asarray((np.arange(len(series)) + 0.5) * span), np.asarray(series)

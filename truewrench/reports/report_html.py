@@ -110,15 +110,15 @@ def _figure_caption(side: LabelledComparison) -> str:
 def _sentences(diagnosis: Diagnosis) -> list[str]:
     number = worst_recording(diagnosis)
     _, channel = worst_channel(compared_models(diagnosis, number)[0])
-    found = [_error_reduction_sentence([s.training[number] for s in diagnosis.steps], channel, "")]
+    reductions = [_error_reduction_sentence([s.training[number] for s in diagnosis.steps], channel, "")]
     if diagnosis.steps[0].validation:
         held_out = [s.validation[0] for s in diagnosis.steps]
-        found.append(
+        reductions.append(
             _error_reduction_sentence(held_out, channel, f"On {held_out[0].recording.name} (held out, not fitted): ")
         )
     gravity = [] if diagnosis.gravity is None else [diagnosis.gravity.sentence]
     points = filter(None, map(fixed_point_sentence, diagnosis.findings))
-    return [*given_sentences(diagnosis), *gravity, *found, *points, *disturbance_sentences(diagnosis)]
+    return [*given_sentences(diagnosis), *gravity, *reductions, *points, *disturbance_sentences(diagnosis)]
 
 
 def _error_reduction_sentence(comparisons: Sequence[Comparison], channel: int, where: str) -> str:
@@ -264,7 +264,7 @@ def _map_images(sides: Sequence[LabelledComparison], tolerance: Mapping[str, flo
     images = []
     for channel in sides[0].recording.channels:
         variables = [m.variable for m in maps[0] if m.channel == channel][:MAX_MAP_VARIABLES]
-        chosen = [[_map_of(found, channel, v) for v in variables] for found in maps]
+        chosen = [[_map_of(maps_of_side, channel, v) for v in variables] for maps_of_side in maps]
         labelled = [(s.label, row) for s, row in zip(sides, chosen, strict=True)]
         count = sum(int(m.practically_significant.sum()) for m in chosen[0])
         alt = f"{channel} against {', '.join(variables)}, rigid tool: {count} significant cells above tolerance."

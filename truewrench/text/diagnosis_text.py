@@ -84,8 +84,8 @@ def _verdict_words(diagnosis: Diagnosis) -> str:
     added = (f.effect for f in diagnosis.findings if f.verdict is EffectVerdict.SUPPORTED)
     missing = ", ".join(f"{effect.id} ({effect.title})" for effect in added)
     if diagnosis.verdict is RecordVerdict.NOTHING_MISSING:
-        what = f"Nothing {'more ' if diagnosis.given else ''}is missing"
-        return f"{what}: the residual of the {base_name(diagnosis)} is consistent with the noise"
+        nothing = f"Nothing {'more ' if diagnosis.given else ''}is missing"
+        return f"{nothing}: the residual of the {base_name(diagnosis)} is consistent with the noise"
     if diagnosis.verdict is RecordVerdict.EXPLAINED:
         return f"The model lacks {missing}"
     if diagnosis.verdict is RecordVerdict.PARTLY_EXPLAINED:
@@ -139,8 +139,8 @@ def closest_sentence(finding: Finding) -> str:
 
 def given_sentences(diagnosis: Diagnosis) -> list[str]:
     """Which other effects fit as well, or better, in the place of a given one."""
-    found = (alternative.sentence for alternative in diagnosis.given_alternatives)
-    return [f"{sentence}. Fit each, and compare." for sentence in found]
+    sentences = (alternative.sentence for alternative in diagnosis.given_alternatives)
+    return [f"{sentence}. Fit each, and compare." for sentence in sentences]
 
 
 def fixed_point_sentence(finding: Finding) -> str:

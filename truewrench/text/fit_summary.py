@@ -136,16 +136,16 @@ class FitSummary:
     def parameters(self) -> str:
         """Every estimate with std, 95 % interval and its degrees of freedom, and remarks on identifiability."""
         names = ("parameter", "value", f"{self.intervals.level:.0%} interval", "degrees of freedom")
-        found = Table.of(names, self._parameter_rows())
+        table = Table.of(names, self._parameter_rows())
         legend = f"({LEGEND[self.fit.model.space]}; sensor axes)"
         unknown = self.unknown_tool
         tool = [text] if (text := tool_text(self.fit, misfitting=bool(self.misfitting), unknown=unknown)) else []
         tool += [text] if not unknown and (text := tool_extent_text(self.fit)) else []
-        return "\n".join([str(found), legend, *tool, *self._effect_sizes(), *self.fit.remarks()])
+        return "\n".join([str(table), legend, *tool, *self._effect_sizes(), *self.fit.remarks()])
 
     def _parameter_rows(self) -> Iterator[tuple[str, ...]]:
-        known = self.intervals
-        ends = zip(known.low, known.high, known.freedom, strict=True)
+        intervals = self.intervals
+        ends = zip(intervals.low, intervals.high, intervals.freedom, strict=True)
         for estimate, (low, high, freedom) in zip(self.fit.parameters.values(), ends, strict=True):
             row = (estimate.name, self._estimate(estimate))
             if self.unknown_tool:
@@ -156,14 +156,14 @@ class FitSummary:
                 count = f"{freedom:.3g}" if freedom < MAX_DEGREES_OF_FREEDOM else "many"
                 yield (*row, interval_text(low, high, estimate.std), count)
 
-    def _estimate(self, found: Estimate) -> str:
+    def _estimate(self, estimate: Estimate) -> str:
         """Value and std; of one that a bound holds, or of a tool that is not known, the value alone."""
-        unit = "" if found.unit == "1" else f" {found.unit}"
-        if found.std > 0 and found.name in self.fit.held:
-            return f"{found.value:.6g}{unit}, {HELD}"
+        unit = "" if estimate.unit == "1" else f" {estimate.unit}"
+        if estimate.std > 0 and estimate.name in self.fit.held:
+            return f"{estimate.value:.6g}{unit}, {HELD}"
         if self.unknown_tool:
-            return f"{found.value:.2g}{unit}"
-        return estimate_text(found.value, found.std, found.unit)
+            return f"{estimate.value:.2g}{unit}"
+        return estimate_text(estimate.value, estimate.std, estimate.unit)
 
     def _effect_sizes(self) -> Iterator[str]:
         """How large each effect of the model is in these recordings."""
@@ -173,8 +173,8 @@ class FitSummary:
 
     def _constraints(self) -> Iterator[str]:
         if self.fit.constrained is not None:
-            found = self.fit.constrained
-            yield "\n".join(["Constraints:", str(found), *(f"  {active.sentence}." for active in found.active)])
+            minimum = self.fit.constrained
+            yield "\n".join(["Constraints:", str(minimum), *(f"  {active.sentence}." for active in minimum.active)])
 
     def _outliers(self) -> Iterator[str]:
         if self.robust is not None:
@@ -225,25 +225,25 @@ def _failure(comparison: Comparison, tolerance: Mapping[str, float]) -> str:
     return f"{describe_residual(comparison, tolerance).text}."
 
 
-def repeatability_text(found: RepeatTable, *, runs: bool) -> str:
+def repeatability_text(table: RepeatTable, *, runs: bool) -> str:
     """Noise, systematic residual and gain of averaging per channel; with `runs` the whole repeatability table."""
-    title = f"{found.recording}, over its repeats:"
+    title = f"{table.recording}, over its repeats:"
     if runs:
-        return f"{title}\n{found}"
-    return "\n".join([title, str(found.channel_table), *found.remarks()])
+        return f"{title}\n{table}"
+    return "\n".join([title, str(table.channel_table), *table.remarks()])
 
 
-def constraints_data(found: ConstrainedMinimum) -> dict[str, Any]:
+def constraints_data(minimum: ConstrainedMinimum) -> dict[str, Any]:
     """Constraints and their active set: numbers finite or None."""
     return {
-        "chi_square": found.cost,
-        "chi_square_free": found.free.cost,
-        "p_value": found.p_value,
-        "prior_cost": None if found.region.prior is None else found.pulled,
-        "converged": found.converged,
+        "chi_square": minimum.cost,
+        "chi_square_free": minimum.free.cost,
+        "p_value": minimum.p_value,
+        "prior_cost": None if minimum.region.prior is None else minimum.pulled,
+        "converged": minimum.converged,
         "active": [
             vars(active) | {"pressure": active.pressure.name.lower(), "sentence": active.sentence}
-            for active in found.active
+            for active in minimum.active
         ],
     }
 

@@ -84,9 +84,9 @@ class Page:
                 if (
                     isinstance(text, str)
                     and len(text) <= LONGEST_REQUEST
-                    and isinstance(found := json.loads(text), dict)
+                    and isinstance(request := json.loads(text), dict)
                 ):
-                    self.ask(found)
+                    self.ask(request)
 
     def ask(self, request: dict[str, Any]) -> None:
         """Do what is asked, or send it to the process when it is free."""
@@ -127,18 +127,18 @@ class Page:
 
     def _with_paths(self, request: dict[str, Any]) -> dict[str, Any]:
         """The request with the uploaded files' paths for their numbers: no other path is opened by the process."""
-        found = dict(request)
+        resolved = dict(request)
         for name in FILES if request.get("do") in OPENING else ():
             given = request.get(name)
             if isinstance(given, list):
-                found[name] = [self.uploads.path(str(number)) for number in given]
+                resolved[name] = [self.uploads.path(str(number)) for number in given]
             elif given:
-                found[name] = self.uploads.path(str(given))
+                resolved[name] = self.uploads.path(str(given))
             else:
-                found[name] = None if name in ("rig", "map") else []
+                resolved[name] = None if name in ("rig", "map") else []
         if request.get("do") == "puzzle":
-            found["folder"] = str(self.uploads.folder())
-        return found
+            resolved["folder"] = str(self.uploads.folder())
+        return resolved
 
     def _next(self) -> None:
         if self._current is not None:
