@@ -97,9 +97,8 @@ class Location(Tabular):
 
     def remarks(self) -> list[str]:
         """The largest of them in words, and whether there is anything to explain."""
-        looks = f"resembles {self.residual.resembles}"
-        residual = [] if self.comparison.lack_of_fit >= LEVELS.effect else [f"{self.residual.where}; {looks}"]
-        return [*self.comparison.remarks(), *residual]
+        explained = self.comparison.lack_of_fit >= LEVELS.effect
+        return [*self.comparison.remarks(), *([] if explained else [self.residual.text])]
 
     def printed(self) -> list[Table | str]:
         """The errors by channel, then the maps."""

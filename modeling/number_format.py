@@ -55,6 +55,11 @@ def typeset_number(value: float, spec: str) -> str:
     return format_number(value, int(spec[1:-1])) if spec.endswith("g") else f"{value:{spec}}".replace("-", "−")
 
 
+def as_sentence(text: str) -> str:
+    """The text with a capital and a full stop; empty for none."""
+    return f"{text[0].upper()}{text[1:]}." if text else ""
+
+
 def typeset_text(text: str) -> str:
     """A sentence with its numbers and units as in a typeset table: `7e-05 N m` is 7·10⁻⁵ N·m."""
     return typeset_units(_POWER.sub(_typeset_power, text))

@@ -85,7 +85,7 @@ class Presented:
     def plot(
         self, kind: str | None = None, *, channel: str | None = None, backend: str = "matplotlib", ax: Any = None
     ) -> Any:
-        """The result as a figure, of matplotlib for print or of plotly for zooming; both show the same numbers.
+        """The result as a figure, of matplotlib for print or of Bokeh for zooming; both show the same numbers.
 
         Parameters
         ----------
@@ -94,20 +94,21 @@ class Presented:
         channel : str, optional
             Channel of a figure of one channel, by default the worst.
         backend : str, optional
-            "matplotlib", the default, or "plotly".
+            "matplotlib", the default; any other name, such as "bokeh", draws with the interactive library, Bokeh.
         ax : matplotlib.axes.Axes, or a sequence of them, optional
             Axes to draw on, by default a figure of its own: one gets the main panel, as many as there are panels get
             all.
 
         Returns
         -------
-        matplotlib.figure.Figure or plotly.graph_objects.Figure
-            Shown by a notebook; `figure.savefig("file.png")`, or of plotly `figure.write_html("file.html")`, writes it.
+        matplotlib.figure.Figure or InteractiveFigure
+            Shown by a notebook; `figure.savefig("file.png")` writes it, `figure.write_html("file.html")` an interactive
+            one, as a page that needs no network; its `layout` is what Bokeh draws.
 
         Raises
         ------
         InputError
-            For a result without a figure, and an unknown kind, channel, backend or axes.
+            For a result without a figure, and an unknown kind, channel or axes.
         """
         return presenter().plot(self, kind=kind, channel=channel, backend=backend, ax=ax)
 

@@ -14,6 +14,7 @@ from modeling.codegen.payload_format import FORMATS, payload_format
 from modeling.codegen.rigid_tool_regressor import RigidToolRegressor
 from modeling.codegen.tool_inertia import ToolInertia
 from modeling.errors import InputError, suggestion
+from modeling.number_format import as_sentence
 from modeling.space import Space
 from truewrench.files.case_files import MEANINGS
 from truewrench.files.model_file import ModelFile, as_model_file
@@ -122,8 +123,7 @@ def _tool(model: Fitted | str | Path, to: str, sensor_pose: Sequence[float] | No
     calibration = saved.calibration
     tool = ToolInertia.of(calibration.model, calibration.theta, calibration.covariance, _sensor_link(saved))
     tool = tool if sensor_pose is None else tool.seen_from(sensor_pose)
-    left_out = f" {tool.left_out[0].upper()}{tool.left_out[1:]}." if tool.left_out else ""
-    said = f"Written in the {tool.frame}. {_convention_sentence(saved)}{left_out}"
+    said = f"Written in the {tool.frame}. {_convention_sentence(saved)} {as_sentence(tool.left_out)}".rstrip()
     return Emitted(
         payload_format(to).text(tool, _source(weighed=not saved.tool_unknown)), None, said, saved.misfit_warning(BIASED)
     )

@@ -219,7 +219,7 @@ def plot(
     backend: str = "matplotlib",
     ax: Any = None,
 ) -> Any:
-    """The result as a figure of matplotlib or plotly."""
+    """The result as a figure of matplotlib, or of Bokeh."""
     from truewrench.plots.result_figure import result_figure  # loads matplotlib
 
     return result_figure(result, kind=kind, channel=channel, backend=backend, ax=ax)

@@ -56,6 +56,15 @@ def unknown_tool_reason(comparisons: Sequence[Comparison], model: WrenchModel) -
     return "; ".join(reasons)
 
 
+def unknown_tool_sentences(reason: str) -> tuple[str, ...]:
+    """That the tool is not known, for a reason of `unknown_tool_reason`, and what its numbers are; none without one."""
+    consequence = (
+        "These numbers fit the readings best and are not the tool's; their standard deviations and intervals do not"
+        " hold."
+    )
+    return (f"The tool is not known, as {reason}.", consequence) if reason else ()
+
+
 Array = NDArray[np.float64]
 
 LITTLE = 0.1
@@ -93,6 +102,11 @@ class UnexplainedResidual:
         if not self.is_alike:
             return f"no generic term of the motion: the best three explain {share} of its power in {self.channel}"
         return f"{terms}: these explain {share} of its power in {self.channel}"
+
+    @property
+    def text(self) -> str:
+        """Where the residual is, and what it resembles where that was sought; without a full stop."""
+        return f"{self.where}; resembles {self.resembles}" if self.resembles else self.where
 
     @property
     def is_alike(self) -> bool:

@@ -22,7 +22,7 @@ HEAD = """# Licences of dependencies
 
 Packages that an installation of truewrench brings with it, directly or by what they need in turn, and the licence that
 each states in its metadata. truewrench itself is under the Apache License 2.0 (file LICENSE). None of them is part
-of the wheel. Reports that zoom contain plotly.js, which comes with plotly under the same licence.
+of the wheel. Reports that zoom contain BokehJS, which comes with Bokeh under the same licence.
 
 Written by `python -m docs.generator.dependency_table`; a test compares it with what is installed.
 """

@@ -124,7 +124,8 @@ def test_an_unrecorded_acceleration_is_recognised_whatever_it_biases(motion: str
     assert orientation_share(comparison_of(fitted, 0)) < 0.2
     reason = unknown_tool_reason([comparison_of(fitted, 0)], fitted.model)
     assert tool_text(fitted, misfitting=True, unknown=reason).startswith(
-        "Tool: not known, as what the model lacks looks like an acceleration that was not recorded (log the position)"
+        "The tool is not known, as what the model lacks looks like an acceleration that was not recorded (log the"
+        " position)"
     )
 
 

@@ -195,7 +195,7 @@ def test_the_text_starts_with_the_verdict_and_says_what_to_check(diagnosed: Diag
     assert "[explained]" in text.splitlines()[0]
     assert "c = 0.1" in text
     assert " ± " in text
-    assert "On the rig: " in text
+    assert "Check on the rig: " in text
     assert "validate.csv (held out)" in error_reduction_text(diagnosed.found)
 
 

@@ -32,6 +32,7 @@ from modeling.number_format import format_number, format_p_value, format_percent
 from modeling.rig import Rig
 from modeling.space import Space
 from tests.shared.recordings import recording_of
+from truewrench.plots.interactive_figure import script_hash
 from truewrench.plots.residual_plots import residual_spectrum
 from truewrench.plots.time_series_plot import (
     LabelledComparison,
@@ -40,7 +41,6 @@ from truewrench.plots.time_series_plot import (
     std_of_interval_means,
 )
 from truewrench.reports.effect_row import effect_row
-from truewrench.reports.page_templates import script_hash
 from truewrench.reports.report_files import Provenance
 from truewrench.reports.report_html import report_page, write_report
 from truewrench.simulated_rig import (
@@ -182,18 +182,20 @@ def is_whole_and_fetches_nothing(html: str, parsed: Page) -> None:
 
 
 def runs_only_its_own_script(parsed: Page) -> None:
-    """One script runs, known to the page's policy by its hash; the others are data: figures, and plotly.js packed."""
+    """One script runs, known to the page's policy by its hash; the others are data: figures, and BokehJS packed."""
     (script,) = (text for kind, text in parsed.scripts if not kind)
     assert f"'{script_hash(script)}'" in parsed.policy
     assert "default-src 'none'" in parsed.policy
     assert "unsafe-eval" not in parsed.policy
     (packed,) = (text for kind, text in parsed.scripts if kind == "text/plain")
-    assert "plotly.js v" in gzip.decompress(b64decode(packed)).decode()[:200]
+    assert "Bokeh" in gzip.decompress(b64decode(packed)).decode()[:1000]
     figures = [json.loads(text) for kind, text in parsed.scripts if kind == "application/json"]
     assert len(figures) >= 3
     for figure in figures:
-        lengths = {len(b64decode(t[axis]["bdata"])) for t in figure["data"] for axis in "xy" if t["name"] != "noise"}
-        assert all(length > 0 and length % 4 == 0 for length in lengths)
+        document = json.dumps(figure["item"]["doc"])
+        assert "CustomJS" not in document  # the policy lets none run
+        assert f'"id": "{figure["item"]["root_id"]}"' in document
+        assert 'class="legend"' in figure["legend"]
 
 
 def shows_units_and_no_broken_numbers(parsed: Page) -> None:

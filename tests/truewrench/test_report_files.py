@@ -1,4 +1,4 @@
-"""Files of reports: Markdown, provenance, zoomable figures, and the reports of fits and comparisons."""
+"""Files of reports: Markdown, provenance, and the reports of fits and comparisons."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -19,13 +18,7 @@ from markupsafe import Markup
 from modeling.table import Column, Table
 from truewrench.command_line import main
 from truewrench.reports.effect_row import EffectCard
-from truewrench.reports.page_templates import (
-    ZoomableFigure,
-    kept_samples,
-    markdown_table,
-    markdown_text,
-    page_templates,
-)
+from truewrench.reports.page_templates import markdown_table, markdown_text, page_templates
 from truewrench.reports.report_files import InputFile, Provenance
 
 TEXT = st.text(st.characters(exclude_categories=["Cs", "Cc"]), min_size=1).map(str.strip).filter(bool)
@@ -94,26 +87,6 @@ def test_hashes_are_those_of_the_files(tmp_path: Path) -> None:
 def test_the_date_is_that_of_the_build_where_one_is_set(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "0")
     assert Provenance.now().date == "1970-01-01 00:00 UTC"
-
-
-# ------------------------------------------------------------------------------------------ zoomable figures
-
-
-@given(st.integers(1, 4000), st.integers(8, 500), st.integers(0, 99))
-def test_kept_samples_have_every_extreme(count: int, points: int, seed: int) -> None:
-    series = list(np.random.default_rng(seed).standard_normal((2, count)))
-    kept = kept_samples(series, points)
-    assert len(kept) <= max(count if count <= points else points, 4)
-    assert (np.diff(kept) > 0).all()
-    for values in series:
-        assert values[kept].max() == values.max()
-        assert values[kept].min() == values.min()
-
-
-def test_data_of_a_figure_cannot_end_its_script() -> None:
-    figure = ZoomableFigure(({"name": "</script><script>alert(1)</script>&"},), {})
-    assert "<" not in figure.json
-    assert json.loads(figure.json)["data"][0]["name"] == "</script><script>alert(1)</script>&"
 
 
 # ------------------------------------------------------------------------------ reports of fit and compare

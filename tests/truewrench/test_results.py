@@ -296,7 +296,9 @@ def test_arrays_have_names_and_units() -> None:
 
 
 def test_the_kind_of_a_figure_is_its_first_argument() -> None:
-    assert fitted().plot("residual", backend="plotly") == fitted().plot(kind="residual", backend="plotly")
+    first, named = fitted().plot("residual", backend="bokeh"), fitted().plot(kind="residual", backend="bokeh")
+    assert first.chart.panels[0].y_label == named.chart.panels[0].y_label
+    assert first.chart.rows[1][0].y_label.startswith("residual of")
 
 
 def test_a_systematic_error_below_the_noise_is_its_upper_limit_everywhere() -> None:

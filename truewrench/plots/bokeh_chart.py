@@ -1,11 +1,13 @@
-"""A chart as figures of Bokeh: zoomable in a page that a server feeds, long lines thinned to what is on the screen."""
+"""A chart as figures of Bokeh, to zoom: in a page that a server feeds, lines are thinned to what is on the screen."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import singledispatch
 from html import escape
+from itertools import cycle
 from math import ceil, floor, log10
 from typing import Any
 
@@ -15,13 +17,13 @@ from bokeh.layouts import column, row
 from bokeh.models import (
     BasicTicker,
     ColumnDataSource,
-    CustomJSTickFormatter,
     DataRange1d,
     FactorRange,
     FixedTicker,
     HoverTool,
     LinearColorMapper,
     PlainText,
+    PrintfTickFormatter,
     Range1d,
     Spacer,
 )
@@ -54,15 +56,8 @@ SYMBOLS = {"o": ("●", "○"), "s": ("■", "□"), "D": ("◆", "◇"), "^": (
 """The same in a legend: full and hollow."""
 TICKS = 5
 """Wanted on an axis: panels are small."""
-PLAIN_NUMBER = "return String(Number(tick.toPrecision(3)))"
-"""JavaScript that writes a tick of a logarithmic axis."""
-PLAIN_NUMBERS = """
-const step = ticks.length > 1 ? Math.abs(ticks[1] - ticks[0]) : Math.abs(tick) || 1
-const places = Math.max(0, Math.ceil(-Math.log10(step) - 1e-9))
-const text = places > 6 || Math.abs(tick) >= 1e6 ? tick.toPrecision(3) : tick.toFixed(places + 1)
-return String(Number(text)).replace("-", "−")
-"""
-"""The same of a linear axis, to the digits that its ticks differ by."""
+PLAIN_NUMBERS, ROUNDED_NUMBERS = "%.10g", "%.3g"
+"""Ticks of a linear and of a logarithmic axis: as short as they can be written. No script, which a page may forbid."""
 FONT = "10.5px"
 LEAST = 230
 """CSS pixels of a figure; where they do not fit beside each other they are below."""
@@ -96,29 +91,79 @@ DARK = Scheme(
 
 
 @dataclass(frozen=True, eq=False)
+class _Series:
+    """Lines over one ascending x in one data source: they are thinned alike, and their values are read off together."""
+
+    lines: tuple[Line, ...]
+    source: ColumnDataSource
+
+    def show(self, columns: int, inside: slice = slice(None), *, log: bool = False) -> bool:
+        """Give the source the samples inside, of many the extremes of each line in so many intervals.
+
+        Returns whether any sample was left out.
+        """
+        lines = [Line(x=line.x[inside], y=line.y[inside], colour=line.colour) for line in self.lines]
+        x = lines[0].x
+        index = np.arange(len(x))
+        if many := len(x) > 2 * columns * len(lines):
+            kept = [decimated(line, columns, log=log)[0] for line in lines]
+            index = np.unique(np.searchsorted(x, np.concatenate(kept)))
+        data: dict[str, Any] = {"x": x[index], **{f"y{n}": line.y[index] for n, line in enumerate(lines)}}
+        self.source.data = data
+        return many
+
+
+def _series_of(panel: Panel) -> list[_Series]:
+    """The lines of a panel, those over the same x together."""
+    groups: list[list[Line]] = []
+    for line in (mark for mark in panel.drawn if isinstance(mark, Line)):
+        group = next((g for g in groups if np.array_equal(g[0].x, line.x)), None)
+        if group is None:
+            groups.append([line])
+        else:
+            group.append(line)
+    return [_Series(tuple(group), ColumnDataSource()) for group in groups]
+
+
+@dataclass(frozen=True, eq=False)
 class _Drawing:
-    """A figure under way: its panel and colours, and the lines that are thinned again when it is zoomed."""
+    """A figure under way: its panel and colours, its lines, and its points with their glyphs.
+
+    columns   intervals of a long line, each with its smallest and largest sample
+    """
 
     figure: Any
     panel: Panel
     scheme: Scheme
-    thinned: list[tuple[Line, ColumnDataSource]] = field(default_factory=list)
+    columns: int
+    series: Sequence[_Series]
+    points: list[tuple[Points, Any]] = field(default_factory=list)
 
     def colour(self, colour: str) -> str:
         return self.scheme.colour(colour)
 
 
-def bokeh_chart(chart: Chart, scheme: Scheme = LIGHT) -> Any:
-    """The chart as a column of rows of figures, each as wide as its place; shared axes are linked."""
+def bokeh_chart(chart: Chart, scheme: Scheme = LIGHT, *, columns: int | None = None) -> Any:
+    """The chart as a column of rows of figures, each as wide as its place; shared axes are linked.
+
+    columns   intervals of a long line, each with its smallest and largest sample, for a page that no server feeds; None
+              where lines are thinned to what is on the screen
+    """
     shared: dict[tuple[str, int], Any] = {}
     lines = []
     for number, panels in enumerate(chart.labelled_rows):
-        figures = [
-            Spacer(sizing_mode="stretch_width")
-            if panel is None
-            else _linked_figure(chart, panel, (number, place), shared, scheme)
-            for place, panel in enumerate(panels)
-        ]
+        figures: list[Any] = []
+        for place, panel in enumerate(panels):
+            named = chart.rows[number][place]
+            if panel is None or named is None:
+                figures.append(Spacer(sizing_mode="stretch_width"))
+                continue
+            drawn = _linked_figure(chart, panel, (number, place), shared)
+            drawing = _Drawing(drawn, panel, scheme, columns or LINE_COLUMNS, _series_of(panel))
+            _draw_panel(drawing, named, served=columns is None)
+            if chart.shared_x and not panel.x_label:  # the numbers of the lowest panel are below
+                drawn.xaxis.major_label_text_font_size, drawn.xaxis.major_label_text_color = "1px", None
+            figures.append(drawn)
         lines.append(row(*figures, sizing_mode="stretch_width", spacing=10, styles={"flex-wrap": "wrap"}))
     return column(*lines, sizing_mode="stretch_width", spacing=4)
 
@@ -142,7 +187,7 @@ def _legend_list(panels: Sequence[Panel], scheme: Scheme, head: str = "") -> str
             entries.setdefault(label, _key(mark, scheme))
     order = legend_labels(panels)
     ordered = sorted(entries, key=lambda label: order.index(label) if label in order else len(order))
-    items = [f"<li>{entries[label]}{escape(label)}</li>" for label in ordered]
+    items = [f'<li data-label="{escape(label)}">{entries[label]}{escape(label)}</li>' for label in ordered]
     named = f"<li>{escape(head)}:</li>" if head else ""
     return f'<ul class="legend">{named}{"".join(items)}</ul>' if items else ""
 
@@ -170,22 +215,23 @@ def figures_of(layout: Any) -> list[figure]:
     return [drawn for line in layout.children for drawn in line.children if isinstance(drawn, figure)]
 
 
-def _linked_figure(
-    chart: Chart, panel: Panel, at: tuple[int, int], shared: dict[tuple[str, int], Any], scheme: Scheme
-) -> figure:
+def _linked_figure(chart: Chart, panel: Panel, at: tuple[int, int], shared: dict[tuple[str, int], Any]) -> figure:
+    """An empty figure with axes of the panel, those that are shared as in the figures before."""
     number, place = at
     share = chart.heights[number] * len(chart.heights) / sum(chart.heights) if chart.heights else 1.0
     height = chart.row_height * share + 14 + 26 * bool(panel.x_label) + 18 * _has_title(chart, number)
-    drawn = bokeh_panel(
-        panel, height=int(height), scheme=scheme,
-        x_range=shared.get(("x", place)) if chart.shared_x else None,
-        y_range=shared.get(("y", number)) if chart.shared_y else None,
-    )  # fmt: skip
-    if chart.shared_x and not panel.x_label:
-        drawn.xaxis.major_label_text_font_size, drawn.xaxis.major_label_text_color = (
-            "1px",
-            None,
-        )  # those of the lowest panel are below
+    names = [name for mark in panel.marks if isinstance(mark, Bars) for name in mark.names]
+    rows = [name for mark in panel.marks if isinstance(mark, Heat) for name in mark.rows]
+    ordered = FactorRange(factors=list(reversed(names or rows))) if names or rows else None
+    x_range = shared.get(("x", place)) if chart.shared_x else None
+    y_range = shared.get(("y", number)) if chart.shared_y else None
+    options: dict[str, Any] = {
+        "x_axis_type": "log" if panel.x_log else "linear", "y_axis_type": "log" if panel.y_log else "linear",
+        "x_range": x_range or _range(panel.x_limits), "y_range": y_range or ordered or _range(panel.y_limits),
+        "tools": "xbox_zoom,box_zoom,xpan,xwheel_zoom,reset,save", "active_drag": "xbox_zoom", "active_scroll": None,
+        "toolbar_location": "right", "min_border_left": LEFT, "min_border_right": RIGHT,
+    }  # fmt: skip
+    drawn = figure(height=int(height), sizing_mode="stretch_width", min_width=LEAST, **options)
     shared.setdefault(("x", place), drawn.x_range)
     shared.setdefault(("y", number), drawn.y_range)
     return drawn
@@ -195,32 +241,47 @@ def _has_title(chart: Chart, row_number: int) -> bool:
     return any(panel is not None and panel.title for panel in chart.rows[row_number])
 
 
-def bokeh_panel(
-    panel: Panel,
-    *,
-    height: int,
-    scheme: Scheme = LIGHT,
-    x_range: Any = None,
-    y_range: Any = None,
-) -> figure:
-    """One panel as a figure, without a legend."""
-    names = [name for mark in panel.marks if isinstance(mark, Bars) for name in mark.names]
-    rows = [name for mark in panel.marks if isinstance(mark, Heat) for name in mark.rows]
-    ordered = FactorRange(factors=list(reversed(names or rows))) if names or rows else None
-    options: dict[str, Any] = {
-        "x_axis_type": "log" if panel.x_log else "linear", "y_axis_type": "log" if panel.y_log else "linear",
-        "x_range": x_range or _range(panel.x_limits), "y_range": y_range or ordered or _range(panel.y_limits),
-        "tools": "xbox_zoom,box_zoom,xpan,xwheel_zoom,reset,save", "active_drag": "xbox_zoom", "active_scroll": None,
-        "toolbar_location": "right", "min_border_left": LEFT, "min_border_right": RIGHT,
-    }  # fmt: skip
-    drawn = figure(height=height, sizing_mode="stretch_width", min_width=LEAST, **options)
-    drawing = _Drawing(drawn, panel, scheme)
-    for mark in panel.drawn:
+def _draw_panel(drawing: _Drawing, named: Panel, *, served: bool) -> None:
+    """Marks and labels of a panel; `named` is the panel with the labels of shared axes too, which the mouse shows."""
+    long = [series for series in drawing.series if series.show(drawing.columns, log=drawing.panel.x_log)]
+    for mark in drawing.panel.drawn:
         _draw(mark, drawing)
     _label(drawing)
-    if drawing.thinned:
-        drawn.on_event(RangesUpdate, lambda event: _thin_again(drawing.thinned, event.x0, event.x1))
-    return drawn
+    _add_hover(drawing, named)
+    if served and long and not drawing.panel.x_log:
+        drawing.figure.on_event(RangesUpdate, lambda event: _thin_again(long, event.x0, event.x1))
+
+
+def _thin_again(long: Sequence[_Series], start: float, end: float) -> None:
+    """The extremes of what is between two values of x, one sample beyond each."""
+    for series in long:
+        first, last = np.searchsorted(series.lines[0].x, (start, end))
+        inside = slice(max(int(first) - 1, 0), int(last) + 1)
+        if len(series.lines[0].x[inside]) > 1:
+            series.show(LINE_COLUMNS, inside)
+
+
+def _add_hover(drawing: _Drawing, named: Panel) -> None:
+    """What is under the mouse says its values with their units: lines wherever the mouse is above or below them."""
+    across = [] if named.x_ticks else [(named.x_label or "x", "@x{%.5g}")]
+    in_brackets = re.search(r" \(([^()]*)\)$", named.y_label)
+    unit = f" {in_brackets[1]}" if in_brackets else ""
+    written: Any = dict.fromkeys(("@x", "@y", "@low", "@high", *(f"@y{n}" for n in range(len(named.marks)))), "printf")
+    sides: Any = cycle(("right", "left"))
+    for series, side in zip(drawing.series, sides, strict=False):
+        values = [(line.label, f"@y{n}{{%.5g}}{unit}") for n, line in enumerate(series.lines) if line.label]
+        if values:
+            unseen = drawing.figure.line("x", "y0", source=series.source, line_alpha=0.0)  # no legend hides it
+            drawing.figure.add_tools(
+                HoverTool(renderers=[unseen], tooltips=[*across, *values], formatters=written, visible=False,
+                          mode="vline", attachment=side)
+            )  # fmt: skip
+    for points, drawn in drawing.points:
+        value = [*across, (points.label or named.y_label or "y", f"@y{{%.5g}}{unit}")]
+        interval = [(points.interval, f"@low{{%.4g}} to @high{{%.4g}}{unit}")] if points.interval else []
+        drawing.figure.add_tools(
+            HoverTool(renderers=[drawn], tooltips=[*value, *interval], formatters=written, visible=False)
+        )
 
 
 def _range(limits: tuple[float, float] | None) -> Any:
@@ -261,10 +322,10 @@ def _place_ticks(axis: Any, limits: tuple[float, float] | None, *, log: bool) ->
     """Few ticks, as panels are small, plainly written."""
     if log and limits is not None:
         axis.ticker = FixedTicker(ticks=log_ticks(*limits))
-        axis.formatter = CustomJSTickFormatter(code=PLAIN_NUMBER)
+        axis.formatter = PrintfTickFormatter(format=ROUNDED_NUMBERS)
     elif not log and isinstance(axis[0].ticker, BasicTicker):
         axis.ticker.desired_num_ticks = TICKS
-        axis.formatter = CustomJSTickFormatter(code=PLAIN_NUMBERS)
+        axis.formatter = PrintfTickFormatter(format=PLAIN_NUMBERS)
 
 
 def log_ticks(low: float, high: float) -> list[float]:
@@ -277,16 +338,6 @@ def log_ticks(low: float, high: float) -> list[float]:
     return [m * 10.0**e for e in exponents for m in mantissas]
 
 
-def _thin_again(thinned: Iterable[tuple[Line, ColumnDataSource]], start: float, end: float) -> None:
-    """The extremes of what is between two values of x, one sample beyond each."""
-    for line, source in thinned:
-        first, last = np.searchsorted(line.x, (start, end))
-        inside = slice(max(int(first) - 1, 0), int(last) + 1)
-        x, y = decimated(Line(x=line.x[inside], y=line.y[inside], colour=line.colour), LINE_COLUMNS, log=False)
-        if len(x) > 1:
-            source.data = {"x": x, "y": y}
-
-
 # ------------------------------------------------------------------------------------------------- marks
 
 
@@ -297,57 +348,57 @@ def _draw(mark: object, drawing: _Drawing) -> None:
 
 @_draw.register
 def _line(mark: Line, drawing: _Drawing) -> None:
-    x, y = decimated(mark, LINE_COLUMNS, log=drawing.panel.x_log)
-    source = ColumnDataSource({"x": x, "y": y})
-    if len(x) < len(mark.x) and not drawing.panel.x_log:
-        drawing.thinned.append((mark, source))
+    series = next(s for s in drawing.series if mark in s.lines)
     style: dict[str, Any] = {
         "line_color": drawing.colour(mark.colour), "line_width": mark.width, "line_alpha": mark.opacity,
-        "line_dash": "dashed" if mark.dashed else "solid",
+        "line_dash": "dashed" if mark.dashed else "solid", "name": mark.label,
     }  # fmt: skip
     draw = drawing.figure.step if mark.steps else drawing.figure.line
     more = {"mode": "center"} if mark.steps else {}
-    draw("x", "y", source=source, **style, **more)
+    draw("x", f"y{series.lines.index(mark)}", source=series.source, **style, **more)
 
 
 @_draw.register
 def _points(mark: Points, drawing: _Drawing) -> None:
     colour = drawing.colour(mark.colour)
+    values: dict[str, Any] = {"x": mark.x, "y": mark.y}
     if mark.low is not None and mark.high is not None:
-        drawing.figure.segment(mark.x, mark.low, mark.x, mark.high, line_color=colour, line_width=1.3)
-    drawing.figure.scatter(
-        mark.x, mark.y, marker=MARKERS.get(mark.symbol, "circle"), size=1.6 * mark.size, line_color=colour,
-        fill_color=drawing.scheme.paper if mark.hollow else colour, line_width=1.4,
+        values |= {"low": mark.low, "high": mark.high}
+        drawing.figure.segment(mark.x, mark.low, mark.x, mark.high, line_color=colour, line_width=1.3, name=mark.label)
+    drawn = drawing.figure.scatter(
+        "x", "y", source=ColumnDataSource(values), marker=MARKERS.get(mark.symbol, "circle"), size=1.6 * mark.size,
+        line_color=colour, fill_color=drawing.scheme.paper if mark.hollow else colour, line_width=1.4, name=mark.label,
     )  # fmt: skip
+    drawing.points.append((mark, drawn))
     if mark.notes:
         drawing.figure.text(
             mark.x, mark.y, text=list(mark.notes), x_offset=-7, y_offset=-6, text_align="right",
-            text_font_size=FONT, text_color=drawing.scheme.ink,
+            text_font_size=FONT, text_color=drawing.scheme.ink, name=mark.label,
         )  # fmt: skip
 
 
 @_draw.register
 def _band(mark: Band, drawing: _Drawing) -> None:
-    colour = drawing.colour(mark.colour)
+    style = {"fill_color": drawing.colour(mark.colour), "fill_alpha": mark.opacity, "line_color": None}
+    style |= {"name": mark.label}
     if mark.x is None:
         limits = {"y0": [float(np.asarray(mark.low))], "y1": [float(np.asarray(mark.high))]}
-        drawing.figure.hstrip(**limits, fill_color=colour, fill_alpha=mark.opacity, line_color=None, level="underlay")
+        drawing.figure.hstrip(**limits, **style, level="underlay")
         return
     low, high = (np.broadcast_to(np.asarray(v, dtype=np.float64), mark.x.shape) for v in (mark.low, mark.high))
-    x, bottom = decimated(Line(x=mark.x, y=low, colour=colour), LINE_COLUMNS, log=drawing.panel.x_log)
-    x_top, top = decimated(Line(x=mark.x, y=high, colour=colour), LINE_COLUMNS, log=drawing.panel.x_log)
+    log, columns = drawing.panel.x_log, drawing.columns
+    x, bottom = decimated(Line(x=mark.x, y=low, colour=mark.colour), columns, log=log)
+    x_top, top = decimated(Line(x=mark.x, y=high, colour=mark.colour), columns, log=log)
     outline: Array = np.concatenate([bottom, top[::-1]])
-    drawing.figure.patch(
-        np.concatenate([x, x_top[::-1]]), outline, fill_color=colour, fill_alpha=mark.opacity, line_color=None
-    )
+    drawing.figure.patch(np.concatenate([x, x_top[::-1]]), outline, **style)
 
 
 @_draw.register
 def _span(mark: Span, drawing: _Drawing) -> None:
-    colour = drawing.colour(mark.colour)
     drawing.figure.vstrip(
-        x0=[mark.start], x1=[mark.end], fill_color=colour, fill_alpha=mark.opacity, line_color=None, level="underlay"
-    )
+        x0=[mark.start], x1=[mark.end], fill_color=drawing.colour(mark.colour), fill_alpha=mark.opacity,
+        line_color=None, level="underlay", name=mark.label,
+    )  # fmt: skip
 
 
 @_draw.register
@@ -355,7 +406,7 @@ def _level(mark: Level, drawing: _Drawing) -> None:
     drawing.figure.add_layout(
         Rule(
             location=mark.y, dimension="width", line_color=drawing.colour(mark.colour), line_width=1,
-            line_dash="dashed" if mark.dashed else "solid",
+            line_dash="dashed" if mark.dashed else "solid", name=mark.note,
         )
     )  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""A chart: panels of marks with data, labels and units; matplotlib, plotly and Bokeh draw it from the same numbers."""
+"""A chart: panels of marks with data, labels and units; matplotlib and Bokeh draw it from the same numbers."""
 
 from __future__ import annotations
 
@@ -39,7 +39,10 @@ class Line:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Points:
-    """Values y (n,) at x (n,), with intervals from low to high (n,) where there are any, and notes left of them."""
+    """Values y (n,) at x (n,), with bars from low to high (n,) where there are any, and notes left of them.
+
+    interval   what the bars are, where they are intervals of the values: "95 %"
+    """
 
     x: Array
     y: Array
@@ -49,6 +52,7 @@ class Points:
     symbol: str = "o"
     low: Array | None = None
     high: Array | None = None
+    interval: str = ""
     notes: tuple[str, ...] = ()
     label: str = ""
 
@@ -217,11 +221,11 @@ class Chart:
 
     def _widest_spans(self) -> dict[str, float]:
         """The longest axis of each quantity that several panels show."""
-        found: dict[str, float] = {}
+        widest: dict[str, float] = {}
         for panel in self.panels:
             if panel.y_label:
-                found[panel.y_label] = max(found.get(panel.y_label, 0.0), panel.span)
-        return found
+                widest[panel.y_label] = max(widest.get(panel.y_label, 0.0), panel.span)
+        return widest
 
     @property
     def main_panel(self) -> Panel:
@@ -245,11 +249,11 @@ def legend_labels(panels: Iterable[Panel]) -> list[str]:
     order: list[str] = []
     shown: set[str] = set()
     for panel in panels:
-        known = [label for mark in panel.marks if (label := getattr(mark, "label", ""))]
+        labels = [label for mark in panel.marks if (label := getattr(mark, "label", ""))]
         shown |= {getattr(mark, "label", "") for mark in panel.drawn}
-        for number, label in enumerate(known):
+        for number, label in enumerate(labels):
             if label not in order:
-                later = [order.index(other) for other in known[number:] if other in order]
+                later = [order.index(other) for other in labels[number:] if other in order]
                 order.insert(min(later, default=len(order)), label)
     return [label for label in order if label in shown]
 
@@ -263,11 +267,11 @@ def in_rows(panels: Sequence[Panel], columns: int) -> tuple[tuple[Panel | None, 
 
 def value_limits(values: Sequence[Array | float], *, log: bool = False) -> tuple[float, float]:
     """Limits that contain all finite values (positive ones on a logarithmic axis), with a margin."""
-    known = np.concatenate([np.ravel(np.asarray(v, dtype=np.float64)) for v in values])
-    known = known[np.isfinite(known) & ((known > 0) | (not log))]
-    if not len(known):
+    finite = np.concatenate([np.ravel(np.asarray(v, dtype=np.float64)) for v in values])
+    finite = finite[np.isfinite(finite) & ((finite > 0) | (not log))]
+    if not len(finite):
         return (0.1, 10.0) if log else (-1.0, 1.0)
-    low, high = float(known.min()), float(known.max())
+    low, high = float(finite.min()), float(finite.max())
     if log:
         return low / LOG_MARGIN, high * LOG_MARGIN
     margin = MARGIN * (high - low) or abs(high) * MARGIN or 1.0

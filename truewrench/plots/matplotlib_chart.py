@@ -143,14 +143,14 @@ def _points_of_lines(axes: Axes) -> Iterator[Array]:
 
 
 def _dense(points: Any) -> Array:
-    known = np.asarray(points, dtype=np.float64)
-    known = known[np.isfinite(known).all(axis=1)]
-    if len(known) < 2:
-        return known
-    length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(known, axis=0).T))])
+    path = np.asarray(points, dtype=np.float64)
+    path = path[np.isfinite(path).all(axis=1)]
+    if len(path) < 2:
+        return path
+    length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
     at = np.arange(0.0, length[-1] + STEP, STEP)
-    between = np.stack([np.interp(at, length, known[:, i]) for i in (0, 1)], axis=1)
-    return np.concatenate([known, between])
+    between = np.stack([np.interp(at, length, path[:, i]) for i in (0, 1)], axis=1)
+    return np.concatenate([path, between])
 
 
 # Margins of a grid of panels by what its texts need, so that nothing is cut off and no row is written over another.
@@ -394,7 +394,7 @@ def typeset(text: str) -> str:
     if not _EXPONENT.search(text):
         return text
     plain = text.replace("$", r"\$")
-    return _EXPONENT.sub(lambda found: f"$^{{\\mathregular{{{found[0].translate(PLAIN_EXPONENT)}}}}}$", plain)
+    return _EXPONENT.sub(lambda match: f"$^{{\\mathregular{{{match[0].translate(PLAIN_EXPONENT)}}}}}$", plain)
 
 
 def _tick(value: float, _position: int) -> str:
@@ -424,14 +424,14 @@ def _head(figure: Figure, panels: Iterable[Axes], chart: Chart, grid: PanelGrid,
     if chart.title:
         place = {"x": grid.left / grid.width, "y": 1 - EDGE / grid.height}
         figure.suptitle(chart.title, ha="left", va="top", fontsize=NORMAL + 0.5, color=MUTED, **place)
-    known: dict[str, Any] = {}
+    options: dict[str, Any] = {}
     for axes in panels:
         handles, labels = axes.get_legend_handles_labels()
-        known = dict(zip(labels, handles, strict=True)) | known
+        options = dict(zip(labels, handles, strict=True)) | options
     for number, line in enumerate(lines):
         down = EDGE + number * LEGEND_LINE
         figure.legend(
-            [known[label] for label in line], line, **LEGEND, ncols=len(line), loc="upper right",
+            [options[label] for label in line], line, **LEGEND, ncols=len(line), loc="upper right",
             bbox_to_anchor=(1 - EDGE / grid.width, 1 - down / grid.height), borderaxespad=0.0, borderpad=0.0,
         )  # fmt: skip
 
@@ -439,11 +439,11 @@ def _head(figure: Figure, panels: Iterable[Axes], chart: Chart, grid: PanelGrid,
 def _legend_above(axes: Axes, labels: list[str], corner: str, at: tuple[float, float]) -> int:
     """The legend of one panel above it, in columns that fit its width; how many lines it has."""
     handles, names = axes.get_legend_handles_labels()
-    known = dict(zip(names, handles, strict=True))
+    handle_of = dict(zip(names, handles, strict=True))
     width = axes.get_window_extent().width * PIXELS_PER_INCH / axes.figure.dpi
     columns = max(1, min(len(labels), int(width / (HANDLE + CHARACTER * max(map(len, labels))))))
     place: dict[str, Any] = {"loc": corner, "bbox_to_anchor": at, "borderaxespad": 0.0, "borderpad": 0.3}
-    axes.legend([known[label] for label in labels], labels, ncols=columns, **place, **LEGEND)
+    axes.legend([handle_of[label] for label in labels], labels, ncols=columns, **place, **LEGEND)
     return -(-len(labels) // columns)
 
 

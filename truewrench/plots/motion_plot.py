@@ -67,9 +67,9 @@ def motion_panels(recording: Recording) -> list[Panel]:
         }
     panels = []
     for name, (names, unit) in groups.items():
-        known = {n: signals[n][:once] for n in names if n in signals and np.ptp(signals[n][:once]) > 0}
-        if known:
-            panels.append(_series_panel(name, unit, known, across, poses=recording.at_rest))
+        moving = {n: signals[n][:once] for n in names if n in signals and np.ptp(signals[n][:once]) > 0}
+        if moving:
+            panels.append(_series_panel(name, unit, moving, across, poses=recording.at_rest))
     return panels
 
 

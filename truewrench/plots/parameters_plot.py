@@ -84,24 +84,24 @@ def table_chart(table: Table) -> Chart:
 
 
 def _table_panel(table: Table, column: int, rows: tuple[tuple[Value, ...], ...], names: list[str]) -> Panel:
-    known = [(name, _number(row[column])) for name, row in zip(names, rows, strict=True)]
+    numbers = [(name, _number(row[column])) for name, row in zip(names, rows, strict=True)]
     bars = Bars(
-        names=tuple(name for name, _ in known),
-        sizes=tuple(value or 0.0 for _, value in known),
-        colours=(ADEQUATE_COLOUR,) * len(known),
-        notes=tuple(format_number(value) for _, value in known),
+        names=tuple(name for name, _ in numbers),
+        sizes=tuple(value or 0.0 for _, value in numbers),
+        colours=(ADEQUATE_COLOUR,) * len(numbers),
+        notes=tuple(format_number(value) for _, value in numbers),
     )
     return Panel(marks=(bars,), title=table.columns[column].heading)
 
 
 def _number(value: Value) -> float | None:
-    found = value.value if isinstance(value, Cell) else value
-    return float(found) if isinstance(found, int | float) and isfinite(found) else None
+    number = value.value if isinstance(value, Cell) else value
+    return float(number) if isinstance(number, int | float) and isfinite(number) else None
 
 
 def _text(value: Value) -> str:
-    found = value.value if isinstance(value, Cell) else value
-    return found if isinstance(found, str) else ""
+    number = value.value if isinstance(value, Cell) else value
+    return number if isinstance(number, str) else ""
 
 
 def _distinct(names: list[str]) -> list[str]:
@@ -245,12 +245,12 @@ class LabelledParameters:
     ends: Mapping[str, tuple[float, float]]
 
     @classmethod
-    def of(cls, label: str, found: Intervals) -> LabelledParameters:
+    def of(cls, label: str, intervals: Intervals) -> LabelledParameters:
         """Of intervals with the effective degrees of freedom of the noise."""
-        known = zip(found.fit.unknowns, found.fit.theta.tolist(), found.std.tolist(), strict=True)
-        estimates = {p.name: Estimate(p.name, value, std, p.unit) for p, value, std in known if not p.fixed}
-        names = [p.name for p in found.fit.unknowns]
-        ends = zip(found.low.tolist(), found.high.tolist(), strict=True)
+        unknowns = zip(intervals.fit.unknowns, intervals.fit.theta.tolist(), intervals.std.tolist(), strict=True)
+        estimates = {p.name: Estimate(p.name, value, std, p.unit) for p, value, std in unknowns if not p.fixed}
+        names = [p.name for p in intervals.fit.unknowns]
+        ends = zip(intervals.low.tolist(), intervals.high.tolist(), strict=True)
         return cls(label, estimates, dict(zip(names, ends, strict=True)))
 
     @classmethod
@@ -259,8 +259,8 @@ class LabelledParameters:
         if isinstance(estimated, Fit):
             return cls.of(label, estimated.intervals())
         fixed = {p.name for p in estimated.model.parameters if p.fixed}
-        known = {name: e for name, e in estimated.parameters.items() if name not in fixed}
-        return cls(label, known, {n: normal_ends(e) for n, e in known.items()})
+        free = {name: e for name, e in estimated.parameters.items() if name not in fixed}
+        return cls(label, free, {n: normal_ends(e) for n, e in free.items()})
 
 
 def normal_ends(estimate: Estimate) -> tuple[float, float]:
@@ -294,22 +294,22 @@ def _panel(models: Sequence[LabelledParameters], name: str) -> Panel:
 
 def _tick(model: LabelledParameters, name: str) -> str:
     """The estimate on two lines; a dash where the model has none."""
-    found = model.estimates.get(name)
-    if found is None or not np.isfinite(found.std):
+    estimate = model.estimates.get(name)
+    if estimate is None or not np.isfinite(estimate.std):
         return NO_VALUE
-    return estimate_text(found.value, found.std, "1").replace(" ± ", "\n± ", 1).replace("-", "−")
+    return estimate_text(estimate.value, estimate.std, "1").replace(" ± ", "\n± ", 1).replace("-", "−")
 
 
 def _points(models: Sequence[LabelledParameters], name: str) -> Iterator[Points]:
     several = len(models) > 1
     for number, model in enumerate(models):
-        found = model.estimates.get(name)
-        if found is not None and np.isfinite(found.std):
+        estimate = model.estimates.get(name)
+        if estimate is not None and np.isfinite(estimate.std):
             low, high = model.ends[name]
             yield Points(
-                x=np.array([float(number)]), y=np.array([found.value]), low=np.array([low]), high=np.array([high]),
+                x=np.array([float(number)]), y=np.array([estimate.value]), low=np.array([low]), high=np.array([high]),
                 colour=COLOURS[number % len(COLOURS)] if several else ADEQUATE_COLOUR, size=5,
-                symbol=SYMBOLS[number // len(COLOURS) % len(SYMBOLS)],
+                interval="95 %", symbol=SYMBOLS[number // len(COLOURS) % len(SYMBOLS)],
                 label=model.label if several else "estimate with 95 % interval",
             )  # fmt: skip
 

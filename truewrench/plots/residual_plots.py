@@ -205,8 +205,9 @@ def _cells(shown: ResidualMap) -> tuple[Mark, ...]:
     )
     cells = tuple(
         Points(
-            x=shown.centre[inside], y=shown.mean[inside], low=shown.low[inside], high=shown.high[inside], colour=colour,
-            size=3.0 if colour == MEASURED else 3.8, hollow=colour == MEASURED, label=label,
+            x=shown.centre[inside], y=shown.mean[inside], low=shown.low[inside], high=shown.high[inside],
+            interval="95 %", colour=colour, size=3.0 if colour == MEASURED else 3.8, hollow=colour == MEASURED,
+            label=label,
         )
         for inside, colour, label in kinds
     )  # fmt: skip

@@ -44,7 +44,6 @@ MAX_MAPS = 4
 """Residual maps side by side."""
 COLOURS = (MISFIT_COLOUR, ADEQUATE_COLOUR, HELD_OUT)
 """Of models side by side, over again after the last."""
-BACKENDS = ("matplotlib", "plotly")
 
 Draw = Callable[[Any, str | None], Any]
 """What a kind of figure shows of a result, for a channel or None: a chart; a figure that matplotlib alone draws."""
@@ -60,16 +59,21 @@ def result_figure(
 ) -> Any:
     """The figure of a result; `channel` for those of one channel, by default the worst.
 
-    Raises InputError for a result without a figure, and a kind, channel, backend or axes that it has not.
+    Of matplotlib, else an `InteractiveFigure`, whatever other name `backend` is.
+
+    Raises InputError for a result without a figure, and a kind, channel or axes that it has not.
     """
-    if backend not in BACKENDS:
-        raise InputError(what=f"no backend is {quoted(backend)}", where="plot", remedy=suggestion(backend, BACKENDS))
     if backend == "matplotlib" and ax is None:
         shown = _shown(result)
         return _drawn(_chosen(_figures(shown), kind)(shown, channel))
     chart = result_chart(result, kind=kind, channel=channel)
-    if backend == "plotly":
-        return _interactive(chart, ax)
+    if backend != "matplotlib":
+        if ax is not None:
+            remedy = 'leave ax out, or backend="matplotlib"'
+            raise InputError(what="an interactive figure has no axes of matplotlib", where="plot", remedy=remedy)
+        from truewrench.plots.interactive_figure import InteractiveFigure  # loads Bokeh
+
+        return InteractiveFigure(chart)
     from truewrench.plots.matplotlib_chart import draw_on
 
     return draw_on(ax, chart)
@@ -94,31 +98,20 @@ def _shown(result: Any) -> Any:
     return result.fit if isinstance(result, ComparedFit) else result
 
 
-def _drawn(found: Any) -> Any:
+def _drawn(drawing: Any) -> Any:
     from truewrench.plots.matplotlib_chart import matplotlib_figure
 
-    return matplotlib_figure(found) if isinstance(found, Chart) else found
-
-
-def _interactive(chart: Chart, ax: Any) -> Any:
-    if ax is not None:
-        remedy = 'leave ax out, or backend="matplotlib"'
-        raise InputError(what="plotly has no axes of matplotlib", where="plot", remedy=remedy)
-    try:
-        from truewrench.plots.plotly_chart import plotly_figure  # loads plotly
-    except ModuleNotFoundError:
-        raise InputError(what="plotly is not installed", where="plot", remedy="pip install plotly") from None
-    return plotly_figure(chart)
+    return matplotlib_figure(drawing) if isinstance(drawing, Chart) else drawing
 
 
 def _figures(result: Any) -> Mapping[str, Draw]:
     """The kinds of figures of a result, the default first: its own, or those of its table."""
-    for known, figures in FIGURES.items():
-        if isinstance(result, known):
+    for kind_of_result, figures in FIGURES.items():
+        if isinstance(result, kind_of_result):
             return figures
     if isinstance(result, Tabular | Table):
-        return {"table": lambda found, _: table_chart(found if isinstance(found, Table) else found.table)}
-    remedy = f"plot one of {', '.join(known.__name__ for known in FIGURES)}"
+        return {"table": lambda shown, _: table_chart(shown if isinstance(shown, Table) else shown.table)}
+    remedy = f"plot one of {', '.join(kind_of_result.__name__ for kind_of_result in FIGURES)}"
     raise InputError(what=f"{kind_of(result)} has no figure", where="plot", remedy=remedy)
 
 
@@ -138,9 +131,11 @@ def _sides(result: Fit | Comparison | Location | ModelComparison | Diagnosis | S
     if isinstance(result, Location):
         result = result.comparison
     if isinstance(result, Fit | Comparison):
-        found = compare(result) if isinstance(result, Fit) else result
-        adequate = found.lack_of_fit >= LEVELS.effect
-        return [LabelledComparison(found.recording.name, ADEQUATE_COLOUR if adequate else MISFIT_COLOUR, found)]
+        comparison = compare(result) if isinstance(result, Fit) else result
+        adequate = comparison.lack_of_fit >= LEVELS.effect
+        return [
+            LabelledComparison(comparison.recording.name, ADEQUATE_COLOUR if adequate else MISFIT_COLOUR, comparison)
+        ]
     if isinstance(result, ModelComparison):
         named = [(model.name, model.predictions[0].comparison) for model in result.models]
     elif isinstance(result, Study):
@@ -194,7 +189,7 @@ def _map(result: Any, channel: str | None) -> Chart:
     if not common:
         remedy = 'use kind="residual"'
         raise InputError(what="no variable is visited often enough for a map", where="plot", remedy=remedy)
-    rows = [[next(m for m in found if m.variable == v) for v in common[:MAX_MAPS]] for found in maps]
+    rows = [[next(m for m in maps_of_side if m.variable == v) for v in common[:MAX_MAPS]] for maps_of_side in maps]
     return residual_map_chart([(side.label, row) for side, row in zip(sides, rows, strict=True)])
 
 
@@ -242,8 +237,8 @@ def _motion(result: Any, _channel: str | None) -> Chart:
 # ------------------------------------------------------------------------------------------- others
 
 
-def _contact(found: ContactWrench, channel: str | None) -> Chart:
-    return contact_chart([LabelledContact("contact", ADEQUATE_COLOUR, found)], component=channel)
+def _contact(contact: ContactWrench, channel: str | None) -> Chart:
+    return contact_chart([LabelledContact("contact", ADEQUATE_COLOUR, contact)], component=channel)
 
 
 def _trajectory(plan: ExcitingTrajectory, _channel: str | None) -> Any:

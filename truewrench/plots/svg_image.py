@@ -44,7 +44,7 @@ class Drawing:
             axes.patch.set_alpha(0.0)  # the page's paper, light or dark, shows through
         with rc_context({"svg.fonttype": "none", "svg.hashsalt": "truewrench"}):
             figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
-        text = _PATH.sub(lambda found: _LONG_NUMBER.sub(r"\1", found[0]), _FONT.sub(SYSTEM_FONTS, stream.getvalue()))
+        text = _PATH.sub(lambda match: _LONG_NUMBER.sub(r"\1", match[0]), _FONT.sub(SYSTEM_FONTS, stream.getvalue()))
         width, height = (round(96 * float(inches)) for inches in figure.get_size_inches())
         source = f"data:image/svg+xml,{quote(_SPACES.sub(' ', _HEAD.sub('', text)), safe=SAFE)}"
         return cls(source, width, height)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,7 +17,7 @@ from estimation.recordings.recording import Recording
 from modeling.noise import NoiseSource
 from modeling.number_format import axis_label
 from truewrench.plots.chart import Band, Chart, Level, Line, Mark, Panel, Points, Span, value_limits
-from truewrench.plots.matplotlib_chart import draw_panel, fit_grid, matplotlib_figure
+from truewrench.plots.matplotlib_chart import draw_panel, fit_grid
 from truewrench.plots.style import HELD_OUT, MEASURED, MUTED, NOISE, QUIET_NOISE, PanelGrid, panel_title
 
 # A model's comparison with a recording, with label and colour: one column of panels.
@@ -118,7 +118,7 @@ def nonperiodic_residual(side: LabelledComparison) -> tuple[Array, Array]:
     residual = side.comparison.residual
     blocks = (residual - recording.averaged(residual)).reshape(recording.repeats, recording.samples_per_repeat, -1)
     parts = min(INTERVALS, recording.samples_per_repeat)
-    means = [part.mean(axis=1) for part in np.array_split(blocks, parts, axis=1)]
+    means = [interval.mean(axis=1) for interval in np.array_split(blocks, parts, axis=1)]
     series = np.stack(means, axis=1).reshape(recording.repeats * parts, -1)
     span = recording.samples * sample_step(recording) / len(series)
     return np.asarray((np.arange(len(series)) + 0.5) * span), np.asarray(series)
@@ -150,13 +150,10 @@ def running_mean(y: Array, length: int) -> Array:
 
 HEIGHT = 100
 """Mean height of the two panels."""
+OVERLAID_HEIGHT = 145
+"""Of each of two panels as wide as the page."""
 TREND_PARTS = 80
 """Intervals of a repeat over which the trend is averaged."""
-
-
-def time_series_figure(sides: Sequence[LabelledComparison], channel: int) -> Figure:
-    """One channel, a column per model: measured and predicted, and the residual with ± noise bands."""
-    return matplotlib_figure(time_series_chart(sides, channel))
 
 
 def time_series_chart(sides: Sequence[LabelledComparison], channel: int) -> Chart:
@@ -167,6 +164,35 @@ def time_series_chart(sides: Sequence[LabelledComparison], channel: int) -> Char
         rows=(above, below), heights=(1, 1.25), row_height=HEIGHT, main=(1, len(sides) - 1), shared_x=True,
         between_rows=16,
     )  # fmt: skip
+
+
+def overlaid_chart(sides: Sequence[LabelledComparison], channel: int) -> Chart:
+    """The same in two large panels, all models in one scale: to zoom, and to read one model against another."""
+    above = [measured_panel(side, channel) for side in sides]
+    limits = residual_limits(sides, channel)
+    below = [residual_panel(side, channel, limits) for side in sides]
+    shown = {side.label: panel.marks[1:] for side, panel in zip(sides, above, strict=True)}
+    noise = len(noise_marks(sides[0], channel))
+    residuals = {side.label: panel.marks[noise:] for side, panel in zip(sides, below, strict=True)}
+    measured = [side.predicted[:, channel] for side in sides]
+    return Chart(
+        rows=(
+            (replace(above[0], marks=(above[0].marks[0], *_of_models(shown)),
+                     y_limits=value_limits([sides[0].measured[:, channel], *measured])),),
+            (replace(below[0], marks=(*below[0].marks[:noise], *_of_models(residuals))),),
+        ),
+        row_height=OVERLAID_HEIGHT, shared_x=True,
+    )  # fmt: skip
+
+
+def _of_models(marks: Mapping[str, Sequence[Mark]]) -> Iterator[Mark]:
+    """Marks of each model by its label, which their labels name where there are several."""
+    for model, drawn in marks.items():
+        for mark in drawn:
+            if len(marks) > 1 and isinstance(mark, Line | Points):
+                yield replace(mark, label=f"{mark.label or 'residual'}, {model}")
+            else:
+                yield mark
 
 
 def measured_chart(sides: Sequence[LabelledComparison], channel: int) -> Chart:

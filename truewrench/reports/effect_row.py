@@ -154,7 +154,7 @@ def _confusable(finding: Finding) -> ConfusableEffect:
 
 def quantities(estimates: Iterable[tuple[str, float | None, float, str]]) -> list[FormattedQuantity]:
     """Names, values, stds and units as text; more than are shown at once in order of |value| / std."""
-    found = list(estimates)
-    if len(found) > MAX_SHOWN_PARAMETERS:
-        found.sort(key=lambda e: -abs(e[1] or 0.0) / e[2] if e[2] else 0.0)
-    return [FormattedQuantity.of(name, value, unit, std) for name, value, std, unit in found]
+    pairs = list(estimates)
+    if len(pairs) > MAX_SHOWN_PARAMETERS:
+        pairs.sort(key=lambda e: -abs(e[1] or 0.0) / e[2] if e[2] else 0.0)
+    return [FormattedQuantity.of(name, value, unit, std) for name, value, std, unit in pairs]

@@ -10,16 +10,16 @@ from diagnosis.comparison.comparison import Comparison
 from diagnosis.comparison.model_comparison import ModelComparison
 from diagnosis.study import Study
 from diagnosis.verdict.aliasing import channel_tolerance
+from diagnosis.verdict.unexplained_residual import unknown_tool_sentences
 from modeling.number_format import axis_label
 from modeling.significance import LEVELS
 from modeling.table import Column, Table
 from truewrench.plots.style import ADEQUATE_COLOUR, HELD_OUT, MISFIT_COLOUR
 from truewrench.plots.time_series_plot import LabelledComparison
 from truewrench.reports.effect_row import effect_cards
-from truewrench.reports.page_templates import points_of_line
 from truewrench.reports.parameter_changes import ParameterChanges
 from truewrench.reports.report_files import Provenance, ReportTexts
-from truewrench.reports.report_html import RecordingSection, full_section, line_count, short_section
+from truewrench.reports.report_html import RecordingSection, full_section, sharing_numbers, short_section
 from truewrench.text.fit_summary import FitSummary
 
 # Report of a comparison: several models on the same recordings.
@@ -76,8 +76,7 @@ def _comparison_sections(comparison: ModelComparison) -> list[RecordingSection]:
         ]
         for number in range(len(comparison.recordings))
     ]
-    points = points_of_line(line_count(recordings))
-    return [full_section(sides, _tenth_of_noise(sides[0]), points) for sides in recordings]
+    return sharing_numbers(full_section(sides, _tenth_of_noise(sides[0])) for sides in recordings)
 
 
 def _tenth_of_noise(side: LabelledComparison) -> dict[str, float]:
@@ -129,7 +128,7 @@ def _values(summary: FitSummary, provenance: Provenance) -> dict[str, Any]:
         "remark": f"{remark[:1].upper()}{remark[1:]}",
         "errors": _error_table(summary),
         "parameters": ParameterChanges(None, fit, known=not summary.unknown_tool),
-        "unknown_tool": summary.unknown_tool,
+        "unknown_tool": unknown_tool_sentences(summary.unknown_tool),
         "cards": effect_cards(fit),
         "recordings": _sections(summary),
     }
@@ -159,12 +158,13 @@ def _error_rows(comparison: Comparison, label: str) -> list[tuple[Any, ...]]:
 def _sections(summary: FitSummary) -> list[RecordingSection]:
     fitted = [[_side(c)] for c in summary.comparisons]
     held_out = [[_side(c)] for c in summary.validation]
-    points = points_of_line(line_count([*fitted, *held_out]))
     tolerance, _ = channel_tolerance(summary.fit)
-    return [
-        *(full_section(sides, tolerance, points) for sides in fitted),
-        *(short_section(sides, points, fitted=False) for sides in held_out),
-    ]
+    return sharing_numbers(
+        [
+            *(full_section(sides, tolerance) for sides in fitted),
+            *(short_section(sides, fitted=False) for sides in held_out),
+        ]
+    )
 
 
 def _side(comparison: Comparison) -> LabelledComparison:

@@ -88,12 +88,12 @@ class ParameterChanges:
     def partners(self) -> Mapping[str, str]:
         """The parameter that each one is most correlated with, where that is notable."""
         names, correlation = self._correlation()
-        found = {}
+        partners = {}
         for row, name in enumerate(names):
             other = int(np.argmax(np.abs(correlation[row])))
             if abs(correlation[row, other]) >= NOTABLE:
-                found[name] = f"{names[other]} ({_signed(correlation[row, other])})"
-        return found
+                partners[name] = f"{names[other]} ({_signed(correlation[row, other])})"
+        return partners
 
     @property
     def correlation_table(self) -> Table:

@@ -29,11 +29,11 @@ class InputFile:
     @classmethod
     def of(cls, path: str | Path) -> InputFile:
         """The hash of a file as it is now; none of what is no file, such as a pipe, or cannot be read again."""
-        found = Path(path)
+        source = Path(path)
         try:
-            if not found.is_file():
+            if not source.is_file():
                 return cls(str(path), "")
-            with found.open("rb") as content:
+            with source.open("rb") as content:
                 return cls(str(path), file_digest(content, "sha256").hexdigest())
         except OSError:
             return cls(str(path), "")
@@ -53,8 +53,8 @@ class Provenance:
         """The present; the date is SOURCE_DATE_EPOCH's where that is set, so that a report can be made again."""
         epoch = os.environ.get("SOURCE_DATE_EPOCH", "")
         when = datetime.fromtimestamp(int(epoch), UTC) if epoch.isdecimal() else datetime.now(UTC)
-        known = tuple(known for path in inputs for known in _files(Path(path)))
-        return cls(when.strftime("%Y-%m-%d %H:%M UTC"), version("truewrench"), command, known)
+        input_files = tuple(input_files for path in inputs for input_files in _files(Path(path)))
+        return cls(when.strftime("%Y-%m-%d %H:%M UTC"), version("truewrench"), command, input_files)
 
     @property
     def table(self) -> Table:

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from diagnosis.comparison.compared_step import error_table, noise_floors, systematic_error, systematic_error_text
 from diagnosis.comparison.comparison import Comparison
 from diagnosis.comparison.residual_map import ResidualMap, residual_maps
 from diagnosis.diagnosis import Diagnosis
-from diagnosis.verdict.unexplained_residual import motion_notes
+from diagnosis.verdict.unexplained_residual import unknown_tool_sentences
 from diagnosis.verdict_rule import EffectVerdict, RecordVerdict
 from estimation.recordings.recording import Recording
 from modeling.noise import NoiseSource
@@ -22,39 +23,37 @@ from modeling.number_format import P_VALUE, SHARE, FormattedQuantity, format_num
 from modeling.rig import Convention
 from modeling.table import Column, Table
 from truewrench.files.output import atomic_write
+from truewrench.plots.interactive_figure import InteractiveFigure, shared_columns
+from truewrench.plots.matplotlib_chart import matplotlib_figure
 from truewrench.plots.parameters_plot import error_reduction_image
-from truewrench.plots.residual_plots import residual_map_figure, residual_spectrum_figure
+from truewrench.plots.residual_plots import residual_map_figure, residual_spectrum_chart, residual_spectrum_figure
 from truewrench.plots.svg_image import SvgImage
 from truewrench.plots.time_series_plot import (
     MIN_SIGNAL_TO_NOISE,
     LabelledComparison,
     nonperiodic_residual,
     nonperiodic_residual_figure,
+    overlaid_chart,
     std_of_interval_means,
-    time_series_figure,
+    time_series_chart,
     worst_channel,
     worst_channel_figure,
 )
 from truewrench.reports.effect_row import EffectRow, effect_cards, effect_row
-from truewrench.reports.page_templates import (
-    ZoomableFigure,
-    html_page,
-    points_of_line,
-    zoomable_series,
-    zoomable_spectrum,
-)
+from truewrench.reports.page_templates import html_page
 from truewrench.reports.parameter_changes import ParameterChanges, compared_models, worst_recording
 from truewrench.reports.report_files import Provenance, ReportTexts
 from truewrench.text.diagnosis_text import (
     CANDIDATES_NOTE,
     EFFECT_VERDICT_LABELS,
     RECORD_VERDICT_LABELS,
+    TOTAL_RMS_NOTE,
     base_name,
     disturbance_sentences,
+    evidence_notes,
     finding_sentence,
     fixed_point_sentence,
     given_sentences,
-    noise_notes,
     step_names,
     verdict_headline,
     weaker_verdict_warning,
@@ -111,15 +110,15 @@ def _figure_caption(side: LabelledComparison) -> str:
 def _sentences(diagnosis: Diagnosis) -> list[str]:
     number = worst_recording(diagnosis)
     _, channel = worst_channel(compared_models(diagnosis, number)[0])
-    found = [_error_reduction_sentence([s.training[number] for s in diagnosis.steps], channel, "")]
+    reductions = [_error_reduction_sentence([s.training[number] for s in diagnosis.steps], channel, "")]
     if diagnosis.steps[0].validation:
         held_out = [s.validation[0] for s in diagnosis.steps]
-        found.append(
+        reductions.append(
             _error_reduction_sentence(held_out, channel, f"On {held_out[0].recording.name} (held out, not fitted): ")
         )
     gravity = [] if diagnosis.gravity is None else [diagnosis.gravity.sentence]
     points = filter(None, map(fixed_point_sentence, diagnosis.findings))
-    return [*given_sentences(diagnosis), *gravity, *found, *points, *disturbance_sentences(diagnosis)]
+    return [*given_sentences(diagnosis), *gravity, *reductions, *points, *disturbance_sentences(diagnosis)]
 
 
 def _error_reduction_sentence(comparisons: Sequence[Comparison], channel: int, where: str) -> str:
@@ -143,15 +142,12 @@ def _notes(diagnosis: Diagnosis) -> list[str]:
     rig = first.recording.rig
     stated = rig is not None and rig.sensor.tolerance is not None
     p_value = format_p_value(diagnosis.stated_lack_of_fit)
-    calibration = "; ".join(diagnosis.calibration_sentences)
     return [
-        *noise_notes(diagnosis),
-        *motion_notes(diagnosis.steps[-1].training, diagnosis.fit.model),
+        *evidence_notes(diagnosis),
         CONVENTION_SENTENCES[diagnosis.model.convention]
         + (" The sensor's y axis runs along the tip." if diagnosis.model.mirror_y else ""),
         f"Tolerance: {'as stated in the rig file' if stated else 'a tenth of the noise floor'}.",
         f"Lack-of-fit test of the final model: p = {p_value}".replace("p = <", "p <") + " (significant below 0.01).",
-        *([f"Calibration: {calibration}."] if calibration else []),
     ]
 
 
@@ -174,8 +170,8 @@ class RecordingSection:
     fitted: bool
     repeats: bool
     series: tuple[SvgImage, ...]
-    zoomable: tuple[ZoomableFigure, ...] = ()
-    zoomable_spectra: tuple[tuple[str, ZoomableFigure], ...] = ()
+    zoomable: tuple[InteractiveFigure, ...] = ()
+    zoomable_spectra: tuple[tuple[str, InteractiveFigure], ...] = ()
     nonperiodic: SvgImage | None = None
     maps: tuple[SvgImage, ...] = ()
     spectrum: SvgImage | None = None
@@ -185,33 +181,47 @@ class RecordingSection:
 Sides = Sequence[LabelledComparison]
 
 
-def line_count(recordings: Sequence[Sides]) -> int:
-    """Lines of all zoomable series, which share the numbers of a report."""
-    return sum(len(sides[0].recording.channels) * (2 + 2 * len(sides)) for sides in recordings)
+def sharing_numbers(sections: Iterable[RecordingSection]) -> list[RecordingSection]:
+    """The sections of a page, their interactive figures sharing the numbers that a page holds."""
+    shown = list(sections)
+    spectra = [figure for section in shown for _, figure in section.zoomable_spectra]
+    columns = shared_columns([f.chart for f in (*spectra, *(f for section in shown for f in section.zoomable))])
+    return [
+        replace(
+            section,
+            zoomable=tuple(replace(f, columns=columns) for f in section.zoomable),
+            zoomable_spectra=tuple((name, replace(f, columns=columns)) for name, f in section.zoomable_spectra),
+        )
+        for section in shown
+    ]
 
 
-def full_section(sides: Sides, tolerance: Mapping[str, float], points: int) -> RecordingSection:
-    """Time series, residual maps and spectrum of one recording; `points` of each zoomable line."""
+def full_section(sides: Sides, tolerance: Mapping[str, float]) -> RecordingSection:
+    """Time series, residual maps and spectrum of one recording."""
     recording = sides[0].recording
     periodic = recording.repeats > 1 and recording.continuous and not recording.at_rest
     alt = "Amplitude spectrum of the residual, per channel."
     return replace(
-        short_section(sides, points, fitted=True),
+        short_section(sides, fitted=True),
         maps=_map_images(sides, tolerance),
         spectrum=None if recording.at_rest else SvgImage(lambda: residual_spectrum_figure(sides), alt),
         zoomable_spectra=()
         if recording.at_rest
-        else tuple((name, zoomable_spectrum(sides, i)) for i, name in enumerate(recording.channels)),
+        else tuple(
+            (name, InteractiveFigure(residual_spectrum_chart(sides, i))) for i, name in enumerate(recording.channels)
+        ),
         nonperiodic=_nonperiodic_residual_image(sides) if periodic else None,
     )
 
 
-def short_section(sides: Sides, points: int, *, fitted: bool) -> RecordingSection:
+def short_section(sides: Sides, *, fitted: bool) -> RecordingSection:
     """Facts and time series of a recording."""
     recording = sides[0].recording
-    repeats, series = recording.repeats > 1, _series_images(sides)
-    zoomable = tuple(zoomable_series(sides, i, points) for i in range(len(recording.channels)))
-    return RecordingSection(recording.name, recording_facts(recording), fitted, repeats, series, zoomable)
+    return RecordingSection(
+        recording.name, recording_facts(recording), fitted, repeats=recording.repeats > 1,
+        series=_series_images(sides),
+        zoomable=tuple(InteractiveFigure(overlaid_chart(sides, i)) for i in range(len(recording.channels))),
+    )  # fmt: skip
 
 
 def _nonperiodic_residual_image(sides: Sequence[LabelledComparison]) -> SvgImage:
@@ -226,22 +236,26 @@ def diagnosis_sections(diagnosis: Diagnosis) -> list[RecordingSection]:
     """A section for each fitted recording, then for each validation one, with its recording-specific disturbances."""
     fitted = [compared_models(diagnosis, i) for i in range(len(diagnosis.steps[0].training))]
     held_out = [compared_models(diagnosis, i, held_out=True) for i in range(len(diagnosis.steps[0].validation))]
-    points = points_of_line(line_count([*fitted, *held_out]))
-    own = [tuple(str(o) for o in diagnosis.disturbances if o.recording is sides[0].recording) for sides in held_out]
-    return [
-        *(full_section(sides, diagnosis.tolerance, points) for sides in fitted),
-        *(
-            replace(short_section(sides, points, fitted=False), disturbances=disturbances)
-            for sides, disturbances in zip(held_out, own, strict=True)
-        ),
-    ]
+    said = list(zip(diagnosis.disturbances, disturbance_sentences(diagnosis), strict=True))
+    tested = (
+        replace(
+            short_section(sides, fitted=False),
+            disturbances=tuple(sentence for d, sentence in said if d.recording is sides[0].recording),
+        )
+        for sides in held_out
+    )
+    return sharing_numbers([*(full_section(sides, diagnosis.tolerance) for sides in fitted), *tested])
 
 
 def _series_images(sides: Sequence[LabelledComparison]) -> tuple[SvgImage, ...]:
     return tuple(
-        SvgImage(partial(time_series_figure, sides, i), f"{c}: measured and predicted; below, the residual.")
+        SvgImage(partial(_series_figure, sides, i), f"{c}: measured and predicted; below, the residual.")
         for i, c in enumerate(sides[0].recording.channels)
     )
+
+
+def _series_figure(sides: Sides, channel: int) -> Figure:
+    return matplotlib_figure(time_series_chart(sides, channel))
 
 
 def _map_images(sides: Sequence[LabelledComparison], tolerance: Mapping[str, float]) -> tuple[SvgImage, ...]:
@@ -250,7 +264,7 @@ def _map_images(sides: Sequence[LabelledComparison], tolerance: Mapping[str, flo
     images = []
     for channel in sides[0].recording.channels:
         variables = [m.variable for m in maps[0] if m.channel == channel][:MAX_MAP_VARIABLES]
-        chosen = [[_map_of(found, channel, v) for v in variables] for found in maps]
+        chosen = [[_map_of(maps_of_side, channel, v) for v in variables] for maps_of_side in maps]
         labelled = [(s.label, row) for s, row in zip(sides, chosen, strict=True)]
         count = sum(int(m.practically_significant.sum()) for m in chosen[0])
         alt = f"{channel} against {', '.join(variables)}, rigid tool: {count} significant cells above tolerance."
@@ -311,6 +325,7 @@ def _values(diagnosis: Diagnosis, provenance: Provenance) -> dict[str, Any]:
         "error_image": error_reduction_image(*series) if changed or has_repeats else None,
         "error_table": error_table(*series),
         "has_repeats": has_repeats,
+        "total_rms_note": TOTAL_RMS_NOTE,
         "steps_heading": "Error after each selection step" if changed else f"Error of the {base_name(diagnosis)}",
         "recordings": diagnosis_sections(diagnosis),
         "cards": effect_cards(diagnosis.fit),
@@ -325,7 +340,7 @@ def _values(diagnosis: Diagnosis, provenance: Provenance) -> dict[str, Any]:
         "parameters": ParameterChanges(
             diagnosis.steps[0].fit if changed else None, diagnosis.fit, known=not diagnosis.tool_unknown
         ),
-        "unknown_tool": diagnosis.tool_unknown,
+        "unknown_tool": unknown_tool_sentences(diagnosis.tool_unknown),
         "zero_shift": _by_channel(diagnosis, diagnosis.zero_shift or {}),
         "unexplained": diagnosis.unexplained,
         "unexplained_sizes": _by_channel(

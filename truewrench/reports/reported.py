@@ -52,15 +52,15 @@ def report(result: Fit | Study | Diagnosis | ModelComparison, folder: str | Path
 
 
 def _texts(result: object) -> ReportTexts:
-    made = Provenance.now()
+    provenance = Provenance.now()
     match result:
         case Diagnosis():
-            return diagnosis_report(result, made)
+            return diagnosis_report(result, provenance)
         case ModelComparison():
-            return comparison_report(result, made)
+            return comparison_report(result, provenance)
         case Study():
-            return study_report(result, made)
+            return study_report(result, provenance)
         case Fit():
-            return fit_report(FitSummary(result, result.intervals()), made)
+            return fit_report(FitSummary(result, result.intervals()), provenance)
     remedy = "give what fit, study, diagnose, or compare of several models gave"
     raise InputError(what=f"{kind_of(result)} has no report", where="report", remedy=remedy)

@@ -14,7 +14,7 @@ from estimation.least_squares.estimates import NOT_CONVERGED, Estimate
 from estimation.recordings.recording import Recording
 from modeling.chain.effect import Effect
 from modeling.noise import NoiseSource
-from modeling.number_format import estimate_text, format_percentage
+from modeling.number_format import as_sentence, estimate_text, format_percentage
 from modeling.significance import LEVELS
 from truewrench.effect_description.effect_size import size_sentence
 from truewrench.text.tool_text import tool_extent_text, tool_text
@@ -69,6 +69,10 @@ WEAKER = {
     NoiseSource.RIG: "it depends on the noise stated in the rig file",
 }
 """Why a verdict without repeats is weaker; the worst first."""
+ALMOST_ALL = 0.995
+"""Share of what a residual holds beyond noise that is written as 100 %: less than the rest is not worth a sentence."""
+TOTAL_RMS_NOTE = "Without repeats, systematic error and noise cannot be separated: the total RMS is shown"
+"""Of errors of recordings without repeats, in place of the systematic error."""
 
 
 def verdict_headline(diagnosis: Diagnosis) -> str:
@@ -80,8 +84,8 @@ def _verdict_words(diagnosis: Diagnosis) -> str:
     added = (f.effect for f in diagnosis.findings if f.verdict is EffectVerdict.SUPPORTED)
     missing = ", ".join(f"{effect.id} ({effect.title})" for effect in added)
     if diagnosis.verdict is RecordVerdict.NOTHING_MISSING:
-        what = f"Nothing {'more ' if diagnosis.given else ''}is missing"
-        return f"{what}: the residual of the {base_name(diagnosis)} is consistent with the noise"
+        nothing = f"Nothing {'more ' if diagnosis.given else ''}is missing"
+        return f"{nothing}: the residual of the {base_name(diagnosis)} is consistent with the noise"
     if diagnosis.verdict is RecordVerdict.EXPLAINED:
         return f"The model lacks {missing}"
     if diagnosis.verdict is RecordVerdict.PARTLY_EXPLAINED:
@@ -116,7 +120,7 @@ def _on_held_out_alone(diagnosis: Diagnosis) -> str:
 
 def finding_sentence(finding: Finding) -> str:
     """Why an effect has its verdict, as a sentence; empty for an added one."""
-    return f"{finding.reason[0].upper()}{finding.reason[1:]}." if finding.reason else ""
+    return as_sentence(finding.reason)
 
 
 def closest_sentence(finding: Finding) -> str:
@@ -135,8 +139,8 @@ def closest_sentence(finding: Finding) -> str:
 
 def given_sentences(diagnosis: Diagnosis) -> list[str]:
     """Which other effects fit as well, or better, in the place of a given one."""
-    found = (alternative.sentence for alternative in diagnosis.given_alternatives)
-    return [f"{sentence}. Fit each, and compare." for sentence in found]
+    sentences = (alternative.sentence for alternative in diagnosis.given_alternatives)
+    return [f"{sentence}. Fit each, and compare." for sentence in sentences]
 
 
 def fixed_point_sentence(finding: Finding) -> str:
@@ -154,6 +158,21 @@ def noise_notes(diagnosis: Diagnosis) -> list[str]:
     sources = [(c.recording, NOISE_SOURCES[c.noise.source]) for c in diagnosis.steps[0].training]
     notes = [f"Noise of {r.name} {source.format(repeats=r.repeats)}.{_period_note(r)}" for r, source in sources]
     return [*dict.fromkeys(notes), *(rows.sentence for rows in diagnosis.rows_left_out)]
+
+
+def evidence_notes(diagnosis: Diagnosis) -> list[str]:
+    """What the verdict rests on: noise, rows, motion, what remains slowly, what was held out, calibration."""
+    last = diagnosis.steps[-1]
+    notes = [*noise_notes(diagnosis), *motion_notes(last.training, diagnosis.fit.model)]
+    notes += [as_sentence(remainder.sentence) for remainder in diagnosis.slow_residuals]
+    if diagnosis.removed_share < ALMOST_ALL:
+        notes.append(
+            f"The effects added remove {diagnosis.removed_share:.0%} of what the residual holds beyond noise, as far as"
+            " one run shows; the rest is slow noise or physics."
+        )
+    if not last.validation:
+        notes.append("Nothing held out: only the fitted recordings were tested; give another motion with --validate.")
+    return notes + ([f"Calibration: {'; '.join(diagnosis.calibration_sentences)}."] if diagnosis.calibration else [])
 
 
 def _period_note(recording: Recording) -> str:
@@ -178,7 +197,7 @@ def weaker_verdict_warning(diagnosis: Diagnosis) -> str:
 
 def disturbance_sentences(diagnosis: Diagnosis) -> list[str]:
     """Recording-specific disturbances of the validation recordings."""
-    return [f"{disturbance} (recording-specific, excluded from the verdict)." for disturbance in diagnosis.disturbances]
+    return [f"{disturbance}; the verdict is not about it." for disturbance in diagnosis.disturbances]
 
 
 def diagnosis_text(diagnosis: Diagnosis) -> str:
@@ -240,7 +259,7 @@ def effect_text(finding: Finding, fit: Fit) -> str:
     if finding.confusable_with:
         lines.append(f"  Indistinguishable in these recordings from: {', '.join(finding.confusable_with)}.")
     closest = [f"  {sentence}"] if (sentence := closest_sentence(finding)) else []
-    return "\n".join([*lines, *closest, f"  On the rig: {effect.advice}."])
+    return "\n".join([*lines, *closest, f"  Check on the rig: {effect.advice}."])
 
 
 def error_reduction_text(diagnosis: Diagnosis) -> str:
@@ -255,29 +274,13 @@ def error_reduction_text(diagnosis: Diagnosis) -> str:
 def _evidence(diagnosis: Diagnosis) -> list[str]:
     """Evidence of the verdict: source of the noise, what the motion leaves unknown, validation, disturbances."""
     last, warning = diagnosis.steps[-1], weaker_verdict_warning(diagnosis)
-    lines = [
-        *given_sentences(diagnosis),
-        *noise_notes(diagnosis),
-        *motion_notes(last.training, diagnosis.fit.model),
-    ]
-    lines += [warning] if warning else []
-    lines += [f"{slow.sentence[0].upper()}{slow.sentence[1:]}." for slow in diagnosis.slow_residuals]
-    if diagnosis.removed_share < 0.995:
-        lines.append(
-            f"The effects added remove {diagnosis.removed_share:.0%} of what the residual holds beyond noise, as far as"
-            " one run shows; the rest is slow noise or physics."
-        )
-    if not last.validation:
-        lines.append("Nothing held out: only the fitted recordings were tested; give another motion with --validate.")
+    lines = [*given_sentences(diagnosis), *evidence_notes(diagnosis), *([warning] if warning else [])]
     if diagnosis.zero_shift:
         shifts = zip(diagnosis.zero_shift.items(), last.training[0].space.units, strict=True)
         texts = ", ".join(f"{c} {s:.3g} {u}" for (c, s), u in shifts)
         lines.append(f"Zero shift of the held-out recording: {texts}.")
-    if diagnosis.calibration is not None:
-        lines.append(f"Calibration: {'; '.join(diagnosis.calibration_sentences)}.")
     return lines + disturbance_sentences(diagnosis)
 
 
 def _unexplained_text(residual: UnexplainedResidual) -> str:
-    alike = f"\nResembles {residual.resembles}." if residual.resembles else ""
-    return f"Unexplained residual: {residual.where}.{alike}"
+    return f"Unexplained residual: {residual.text}."

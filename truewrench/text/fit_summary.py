@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import isfinite
@@ -24,11 +24,12 @@ from estimation.pose_advice import PoseAdvice
 from estimation.repeat_table import RepeatTable
 from estimation.robust_fit import RobustFit
 from modeling.noise import NoiseSource
-from modeling.number_format import estimate_text, interval_text
+from modeling.number_format import as_sentence, estimate_text, interval_text
 from modeling.significance import LEVELS
 from modeling.table import Table
 from truewrench.effect_description.effect_size import size_sentence
 from truewrench.files.case_files import frame_sentences, frames_data
+from truewrench.text.diagnosis_text import WEAKER
 from truewrench.text.tool_text import LEGEND, NOT_KNOWN, tool_extent_text, tool_text
 
 ADVICE = (
@@ -98,27 +99,22 @@ class FitSummary:
 
     def headline(self) -> str:
         """Whether the model fits, before any number of it: the std of a model that does not fit means nothing."""
-        unfinished = [] if self.fit.converged else [f"{NOT_CONVERGED[0].upper()}{NOT_CONVERGED[1:]}."]
+        unfinished = [] if self.fit.converged else [as_sentence(NOT_CONVERGED)]
         return "\n".join([*unfinished, self._agreement(), *self.notes])
 
     def _agreement(self) -> str:
         """Whether the residual is that of a model that fits."""
-        from_residual = any(c.noise.source is NoiseSource.RESIDUAL for c in self.comparisons)
         if self.misfitting:
-            names = " and ".join(c.recording.name for c in self.misfitting)
+            said = agreement_text([c.recording.name for c in self.misfitting])
             return (
-                f"The model does not fit {names}: something is missing in it. Stds and intervals hold for noise alone,"
-                " and are too small here; `truewrench diagnose` or `tw.diagnose` searches for what is missing."
+                f"{said} Stds and intervals hold for noise alone, and are too small here; `truewrench diagnose` or"
+                " `tw.diagnose` searches for what is missing."
             )
         if self.deviating:
             names = " and ".join(self.deviating)
             return f"The model fits the whole repeats of {names}, but not the readings outside them."
-        if from_residual:
-            return (
-                "No lack of fit was found, but the noise is taken from the residual itself, so that systematic error"
-                " may count as noise: record repeats, or state the noise in the rig file."
-            )
-        return "The model fits: the residual is consistent with the noise."
+        from_residual = any(c.noise.source is NoiseSource.RESIDUAL for c in self.comparisons)
+        return agreement_text((), from_residual=from_residual)
 
     @cached_property
     def unknown_tool(self) -> str:
@@ -133,23 +129,23 @@ class FitSummary:
     @cached_property
     def notes(self) -> list[str]:
         """What the motion leaves unknown, what remains slowly, and the rows that the fit is not about."""
-        slow = [f"{s.sentence[0].upper()}{s.sentence[1:]}." for s in self.slow]
-        rows = [own.sentence for own in self.rows_left_out]
+        slow = [as_sentence(remainder.sentence) for remainder in self.slow]
+        rows = [left_out.sentence for left_out in self.rows_left_out]
         return [*motion_notes(self.comparisons, self.fit.model), *slow, *rows]
 
     def parameters(self) -> str:
         """Every estimate with std, 95 % interval and its degrees of freedom, and remarks on identifiability."""
         names = ("parameter", "value", f"{self.intervals.level:.0%} interval", "degrees of freedom")
-        found = Table.of(names, self._parameter_rows())
+        table = Table.of(names, self._parameter_rows())
         legend = f"({LEGEND[self.fit.model.space]}; sensor axes)"
         unknown = self.unknown_tool
         tool = [text] if (text := tool_text(self.fit, misfitting=bool(self.misfitting), unknown=unknown)) else []
         tool += [text] if not unknown and (text := tool_extent_text(self.fit)) else []
-        return "\n".join([str(found), legend, *tool, *self._effect_sizes(), *self.fit.remarks()])
+        return "\n".join([str(table), legend, *tool, *self._effect_sizes(), *self.fit.remarks()])
 
     def _parameter_rows(self) -> Iterator[tuple[str, ...]]:
-        known = self.intervals
-        ends = zip(known.low, known.high, known.freedom, strict=True)
+        intervals = self.intervals
+        ends = zip(intervals.low, intervals.high, intervals.freedom, strict=True)
         for estimate, (low, high, freedom) in zip(self.fit.parameters.values(), ends, strict=True):
             row = (estimate.name, self._estimate(estimate))
             if self.unknown_tool:
@@ -160,14 +156,14 @@ class FitSummary:
                 count = f"{freedom:.3g}" if freedom < MAX_DEGREES_OF_FREEDOM else "many"
                 yield (*row, interval_text(low, high, estimate.std), count)
 
-    def _estimate(self, found: Estimate) -> str:
+    def _estimate(self, estimate: Estimate) -> str:
         """Value and std; of one that a bound holds, or of a tool that is not known, the value alone."""
-        unit = "" if found.unit == "1" else f" {found.unit}"
-        if found.std > 0 and found.name in self.fit.held:
-            return f"{found.value:.6g}{unit}, {HELD}"
+        unit = "" if estimate.unit == "1" else f" {estimate.unit}"
+        if estimate.std > 0 and estimate.name in self.fit.held:
+            return f"{estimate.value:.6g}{unit}, {HELD}"
         if self.unknown_tool:
-            return f"{found.value:.2g}{unit}"
-        return estimate_text(found.value, found.std, found.unit)
+            return f"{estimate.value:.2g}{unit}"
+        return estimate_text(estimate.value, estimate.std, estimate.unit)
 
     def _effect_sizes(self) -> Iterator[str]:
         """How large each effect of the model is in these recordings."""
@@ -177,8 +173,8 @@ class FitSummary:
 
     def _constraints(self) -> Iterator[str]:
         if self.fit.constrained is not None:
-            found = self.fit.constrained
-            yield "\n".join(["Constraints:", str(found), *(f"  {active.sentence}." for active in found.active)])
+            minimum = self.fit.constrained
+            yield "\n".join(["Constraints:", str(minimum), *(f"  {active.sentence}." for active in minimum.active)])
 
     def _outliers(self) -> Iterator[str]:
         if self.robust is not None:
@@ -212,31 +208,42 @@ class FitSummary:
         return data | frames_data(case)
 
 
+def agreement_text(misfitting: Sequence[str], *, from_residual: bool = False) -> str:
+    """Whether a model fits, by the names of the recordings that it does not fit and where the noise comes from."""
+    if misfitting:
+        return f"The model does not fit {' and '.join(misfitting)}: something is missing in it."
+    if from_residual:
+        return (
+            f"No lack of fit was found, but {WEAKER[NoiseSource.RESIDUAL]}: record repeats, or state the noise in the"
+            " rig file."
+        )
+    return "The model fits: the residual is consistent with the noise."
+
+
 def _failure(comparison: Comparison, tolerance: Mapping[str, float]) -> str:
     """The largest of a recording's residual in words."""
-    found = describe_residual(comparison, tolerance)
-    return f"{found.where}; resembles {found.resembles}."
+    return f"{describe_residual(comparison, tolerance).text}."
 
 
-def repeatability_text(found: RepeatTable, *, runs: bool) -> str:
+def repeatability_text(table: RepeatTable, *, runs: bool) -> str:
     """Noise, systematic residual and gain of averaging per channel; with `runs` the whole repeatability table."""
-    title = f"{found.recording}, over its repeats:"
+    title = f"{table.recording}, over its repeats:"
     if runs:
-        return f"{title}\n{found}"
-    return "\n".join([title, str(found.channel_table), *found.remarks()])
+        return f"{title}\n{table}"
+    return "\n".join([title, str(table.channel_table), *table.remarks()])
 
 
-def constraints_data(found: ConstrainedMinimum) -> dict[str, Any]:
+def constraints_data(minimum: ConstrainedMinimum) -> dict[str, Any]:
     """Constraints and their active set: numbers finite or None."""
     return {
-        "chi_square": found.cost,
-        "chi_square_free": found.free.cost,
-        "p_value": found.p_value,
-        "prior_cost": None if found.region.prior is None else found.pulled,
-        "converged": found.converged,
+        "chi_square": minimum.cost,
+        "chi_square_free": minimum.free.cost,
+        "p_value": minimum.p_value,
+        "prior_cost": None if minimum.region.prior is None else minimum.pulled,
+        "converged": minimum.converged,
         "active": [
             vars(active) | {"pressure": active.pressure.name.lower(), "sentence": active.sentence}
-            for active in found.active
+            for active in minimum.active
         ],
     }
 

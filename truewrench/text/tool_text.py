@@ -6,6 +6,7 @@ from math import isfinite, sqrt
 
 import numpy as np
 
+from diagnosis.verdict.unexplained_residual import unknown_tool_sentences
 from estimation.centre_of_mass import CentreOfMass
 from estimation.fit import Fit
 from estimation.least_squares.estimates import NOT_CONVERGED
@@ -35,29 +36,31 @@ def tool_extent_text(fitted: Fit) -> str:
     mass = fitted.parameters["m"]
     if not isfinite(mass.std) or mass.value < SIGNIFICANT * mass.std or mass.value <= 0:
         return ""
-    found = []
+    distances = []
     inertia, inertia_std = _inertia(fitted)
     if inertia - CLEAR * inertia_std > mass.value * FARTHEST**2:
-        found.append(f"the mass is {sqrt(inertia / mass.value):.2g} m (radius of gyration)")
+        distances.append(f"the mass is {sqrt(inertia / mass.value):.2g} m (radius of gyration)")
     distance, std = _centre(fitted)
     if distance - CLEAR * std > FARTHEST:
-        found.append(f"the centre of mass {distance:.2g} m")
-    if not found:
+        distances.append(f"the centre of mass {distance:.2g} m")
+    if not distances:
         return ""
-    return f"As fitted, {' and '.join(found)} from the sensor: no tool is so large, the torque may be in other units."
+    return (
+        f"As fitted, {' and '.join(distances)} from the sensor: no tool is so large, the torque may be in other units."
+    )
 
 
 def _inertia(fitted: Fit) -> tuple[float, float]:
     """Mass times its mean square distance, kg m², with a bound of its std; not a number where it is unidentifiable."""
-    known = [(fitted.parameters[name], factor) for name, factor in INERTIA[fitted.model.space]]
-    return sum(e.value * f for e, f in known), sum(e.std * f for e, f in known)
+    moments = [(fitted.parameters[name], factor) for name, factor in INERTIA[fitted.model.space]]
+    return sum(e.value * f for e, f in moments), sum(e.std * f for e, f in moments)
 
 
 def _centre(fitted: Fit) -> tuple[float, float]:
     """Distance of the centre of mass from the sensor origin along the identifiable axes, m, with a bound of its std."""
     centre = CentreOfMass.of(fitted)
-    known = [(float(v), float(s)) for v, s in zip(centre.value, centre.std, strict=True) if isfinite(s)]
-    return sqrt(sum(v * v for v, _ in known)), sum(s for _, s in known)
+    coordinates = [(float(v), float(s)) for v, s in zip(centre.value, centre.std, strict=True) if isfinite(s)]
+    return sqrt(sum(v * v for v, _ in coordinates)), sum(s for _, s in coordinates)
 
 
 LEGEND = {
@@ -92,10 +95,10 @@ def tool_text(fitted: Fit, *, misfitting: bool, unknown: str = "") -> str:
     if not isfinite(mass.std):
         return ""
     if unknown:
-        return f"Tool: not known, as {unknown}."
+        return unknown_tool_sentences(unknown)[0]
     if abs(mass.value) < SIGNIFICANT * mass.std:
-        found, why = ("not known", TOO_STILL) if _may_be_heavy(fitted) else ("none", WEIGHTLESS)
-        return f"Tool: {found}, m {estimate_text(mass.value, mass.std, mass.unit)}: {why}"
+        weight, why = ("not known", TOO_STILL) if _may_be_heavy(fitted) else ("none", WEIGHTLESS)
+        return f"Tool: {weight}, m {estimate_text(mass.value, mass.std, mass.unit)}: {why}"
     centre = CentreOfMass.of(fitted)
     parts = [
         f"{axis} {estimate_text(1e3 * value, 1e3 * std, 'mm')}"

@@ -104,17 +104,17 @@ def _text(form: Mapping[str, Any], name: str) -> str:
 
 def _pairs(form: Mapping[str, Any], name: str, between: str) -> dict[str, str]:
     """Lines `name = formula` or `name: unit`."""
-    found: dict[str, str] = {}
+    pairs: dict[str, str] = {}
     for line in filter(None, (line.strip() for line in _text(form, name).splitlines())):
-        left, sign, right = (part.strip() for part in line.partition(between))
+        left, sign, right = (text.strip() for text in line.partition(between))
         if not sign or not left or not right:
             remedy = f"write one to a line, as in {EXAMPLES[name]}"
             raise InputError(what=f"{quoted(line)} cannot be read", where=name, remedy=remedy)
         right = right.replace("·", " ") if between == ":" else right
-        if left in found:
+        if left in pairs:
             raise InputError(what=f"{quoted(left)} is given twice", where=name, remedy="give each once")
-        found[left] = right
-    return found
+        pairs[left] = right
+    return pairs
 
 
 def checked_words(form: Mapping[str, Any], study: Study | None) -> str:

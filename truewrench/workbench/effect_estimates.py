@@ -76,8 +76,10 @@ def _wald(places: Sequence[int], fit: Fit) -> float:
 
 def _cheapest(effects: Sequence[Effect], study: Study) -> Effect:
     """The effect whose removal costs least: by the steps without each, else by its Wald statistic."""
-    known = {frozenset(e.id for e in s.fit.model.effects): sum(c.misfit or 0 for c in s.training) for s in study.steps}
-    without = [known.get(frozenset(study.effects) - {e.id}) for e in effects]
+    misfits = {
+        frozenset(e.id for e in s.fit.model.effects): sum(c.misfit or 0 for c in s.training) for s in study.steps
+    }
+    without = [misfits.get(frozenset(study.effects) - {e.id}) for e in effects]
     costs = [_wald(_places([e], study.fit), study.fit) for e in effects]
     exact = [cost for cost in without if cost is not None]
     return effects[int(np.argmin(exact if len(exact) == len(effects) else costs))]

@@ -10,49 +10,17 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
 from bokeh.document import Document
 from bokeh.events import Tap
 from bokeh.layouts import column
-from bokeh.models import ColumnDataSource, HoverTool, Scatter
-from bokeh.models.renderers import GlyphRenderer
+from bokeh.models import ColumnDataSource
 from markupsafe import escape
 
 from modeling.errors import InputError
-from modeling.number_format import format_number
-from truewrench.plots.bokeh_chart import figures_of
-from truewrench.plots.chart import Chart, Points
+from truewrench.plots.bokeh_chart import DARK, LIGHT, bokeh_chart, figures_of, legend_html
 from truewrench.workbench.page_update import with_field_names
 from truewrench.workbench.study_process import Cancelled, Done, Ended, Message, Progress, Refused, StudyProcess
 from truewrench.workbench.uploads import UploadFolder
-
-# Numbers of a figure's points that are shown under the mouse: value and interval.
-
-
-def add_point_hover(layout: Any, chart: Chart) -> None:
-    """Let the points with an interval of a chart that is drawn say their numbers."""
-    for panel, drawn in zip(chart.panels, figures_of(layout), strict=True):
-        with_interval = [m for m in panel.marks if isinstance(m, Points) and m.low is not None and len(m.x)]
-        scatters = [r for r in drawn.renderers if isinstance(r, GlyphRenderer) and isinstance(r.glyph, Scatter)]
-        for renderer in scatters:
-            source: Any = renderer.data_source
-            mark = next((m for m in with_interval if np.array_equal(source.data["x"], m.x)), None)
-            if mark is not None:
-                source.data = dict(source.data) | _texts(mark)
-                rows = [("x", "@at"), ("mean", "@mean"), ("95 %", "@interval")]
-                drawn.add_tools(HoverTool(renderers=[renderer], tooltips=rows))
-
-
-def _texts(points: Points) -> dict[str, list[str]]:
-    low, high = points.low, points.high
-    assert low is not None  # as the caller has seen
-    assert high is not None
-    return {
-        "at": [format_number(float(x)) for x in points.x],
-        "mean": [format_number(float(y)) for y in points.y],
-        "interval": [f"{format_number(float(a))} to {format_number(float(b))}" for a, b in zip(low, high, strict=True)],
-    }
-
 
 ENDED = Refused("the computation ended unexpectedly", "workbench", "open the recording again")
 FILES = ("recordings", "validate", "rig", "map")
@@ -116,9 +84,9 @@ class Page:
                 if (
                     isinstance(text, str)
                     and len(text) <= LONGEST_REQUEST
-                    and isinstance(found := json.loads(text), dict)
+                    and isinstance(request := json.loads(text), dict)
                 ):
-                    self.ask(found)
+                    self.ask(request)
 
     def ask(self, request: dict[str, Any]) -> None:
         """Do what is asked, or send it to the process when it is free."""
@@ -159,18 +127,18 @@ class Page:
 
     def _with_paths(self, request: dict[str, Any]) -> dict[str, Any]:
         """The request with the uploaded files' paths for their numbers: no other path is opened by the process."""
-        found = dict(request)
+        resolved = dict(request)
         for name in FILES if request.get("do") in OPENING else ():
             given = request.get(name)
             if isinstance(given, list):
-                found[name] = [self.uploads.path(str(number)) for number in given]
+                resolved[name] = [self.uploads.path(str(number)) for number in given]
             elif given:
-                found[name] = self.uploads.path(str(given))
+                resolved[name] = self.uploads.path(str(given))
             else:
-                found[name] = None if name in ("rig", "map") else []
+                resolved[name] = None if name in ("rig", "map") else []
         if request.get("do") == "puzzle":
-            found["folder"] = str(self.uploads.folder())
-        return found
+            resolved["folder"] = str(self.uploads.folder())
+        return resolved
 
     def _next(self) -> None:
         if self._current is not None:
@@ -255,15 +223,12 @@ class Page:
         """The charts in the colours of the page."""
         if self._shown is None:
             return
-        from truewrench.plots.bokeh_chart import DARK, LIGHT, bokeh_chart, figures_of, legend_html
-
         chart = self._shown.charts["plots"]
         scheme = DARK if self.dark else LIGHT
         layout = bokeh_chart(chart, scheme)
         self._say(words={"legend": legend_html(chart, scheme)})
         tap = self._shown.taps.get("plots")
         if tap is not None:
-            add_point_hover(layout, chart)
             for number, drawn in enumerate(figures_of(layout)):
                 drawn.on_event(Tap, self._tapped(tap, number))
         self._plots.children = [layout]

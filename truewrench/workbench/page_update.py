@@ -36,7 +36,7 @@ def with_field_names(text: str) -> str:
     >>> with_field_names("give it by --map")
     'give it by "Columns and units" under "How to read it"'
     """
-    return re.sub(r"--[a-z][a-z-]*", lambda found: FIELD_NAMES.get(found[0], found[0]), text)
+    return re.sub(r"--[a-z][a-z-]*", lambda match: FIELD_NAMES.get(match[0], match[0]), text)
 
 
 @dataclass(frozen=True)

@@ -74,9 +74,9 @@ class Puzzle:
         """What it hides, and whether it was found, as HTML."""
         from modeling.effects import named  # slow to import; the server wants the names alone
 
-        found = "You found it." if added == (self.hidden,) else f"Your model: {', '.join(added) or 'the rigid tool'}."
+        answer = "You found it." if added == (self.hidden,) else f"Your model: {', '.join(added) or 'the rigid tool'}."
         return Markup("<p>It hides <strong>{}</strong>: {}. {}</p>").format(
-            self.hidden, named(self.hidden).title, found
+            self.hidden, named(self.hidden).title, answer
         )
 
 
@@ -110,11 +110,11 @@ class ReadingForm:
 
     def recording(self, paths: Sequence[str], rig: Rig | None, *, fitted: bool) -> Recording:
         """The recording in one or several files."""
-        found = read(
+        recording = read(
             *paths, rig=rig, preset=self.preset, map=self.map, period=self.period if fitted else None,
             one_run=self.one_run, clock_offset=self.clock_offset,
         )  # fmt: skip
-        return replace(found, name=" + ".join(Path(path).name for path in paths))
+        return replace(recording, name=" + ".join(Path(path).name for path in paths))
 
 
 def case_of(training: Sequence[str], validation: Sequence[str], rig: str | None, form: ReadingForm) -> Case:

@@ -108,8 +108,8 @@ def separation_of(study: Study, first: str, second: str, progress: Callable[[str
     if first not in study.effects:
         progress(f"fit with {first}")
     trial = study.fit if first in study.effects else study.tried(first)
-    known = {effect.id: effect for effect in trial.model.effects}
-    one, other = known[first], known.get(second) or named(second)
+    effects = {effect.id: effect for effect in trial.model.effects}
+    one, other = effects[first], effects.get(second) or named(second)
     truth, rival = rival_models(trial.model.designable, one, other)
     floor = trial.noise[0].floor
     progress(f"design the trajectory that separates {first} and {second}, half a minute or more")
@@ -117,6 +117,6 @@ def separation_of(study: Study, first: str, second: str, progress: Callable[[str
         rig, truth, trial.values, [rival],
         series=FreeSeries(joints=arm.joints, harmonics=tuple(range(1, HARMONICS + 1)), period=PERIOD),
         samples=SAMPLES, noise=NoiseModel.white([float(f) for f in floor]), starts=STARTS_WHEN_SLOW,
-        progress=lambda found: progress(f"trajectory that separates {first} and {second}: {found}"),
+        progress=lambda stage: progress(f"trajectory that separates {first} and {second}: {stage}"),
     )  # fmt: skip
     return Separation(first, second, arm, design, effect_sizes(one, trial))

@@ -279,8 +279,8 @@ class WorkbenchServer:
         return application
 
     def _uploads_of(self, page: str) -> UploadFolder | None:
-        found = self._pages.get(page)
-        return None if found is None else found.uploads
+        known_page = self._pages.get(page)
+        return None if known_page is None else known_page.uploads
 
     def _open(self, document: Document) -> None:
         """A new page: its document, its folder; they go when the browser has gone."""

@@ -54,8 +54,8 @@ def contact_of(study: Study, file: str) -> tuple[ContactWrench, Chart]:
     Raises InputError for what cannot be read, or is of another sensor.
     """
     rig = study.fit.recordings[0].rig
-    found = compensate(study.fit, read_with_rig(file, rig=rig, every_row=True))
-    return found, replace(result_chart(found, kind="contact"), row_height=150)
+    contact = compensate(study.fit, read_with_rig(file, rig=rig, every_row=True))
+    return contact, replace(result_chart(contact, kind="contact"), row_height=150)
 
 
 # Files to take away: report, model, code, payload, trajectory.
@@ -297,13 +297,13 @@ class StudyActions:
             self._diagnosis = None
         self._view = self._view.of_step(self.study)
         shown = self._shown()
-        known = self._suspects.get(id(self.study.steps[-1]))
-        ranked = {"suspects": suspects_words(self.study, known, self._diagnosis)}
+        suspects = self._suspects.get(id(self.study.steps[-1]))
+        ranked = {"suspects": suspects_words(self.study, suspects, self._diagnosis)}
         steps = {"steps": steps_words(self.study, puzzle=self._puzzle is not None), "last-step": self._line.words()}
         return replace(
             shown,
             words={**shown.words, **stale, **steps, **ranked, **(words or {})},
-            follow=None if known else {"do": "suspects"},
+            follow=None if suspects else {"do": "suspects"},
         )
 
     # --------------------------------------------------------------------------------- what to take away
@@ -311,17 +311,18 @@ class StudyActions:
     def compare(self, request: Mapping[str, Any]) -> PageUpdate:
         """Compare two steps."""
         first, second = int(request["first"]), int(request["second"])
-        found = self.study.compare(first, second)
+        comparison = self.study.compare(first, second)
         self._view = self._view.comparing(first, second)
         shown = self._shown()
-        return replace(shown, words={**shown.words, "table": comparison_words(found)})
+        return replace(shown, words={**shown.words, "table": comparison_words(comparison)})
 
     def contact(self, request: Mapping[str, Any]) -> PageUpdate:
         """The contact in another recording, by the current model."""
         file = str(request["recordings"][0]) if request.get("recordings") else self._contact_file()
-        found, chart = contact_of(self.study, file)
+        contact, chart = contact_of(self.study, file)
         return PageUpdate(
-            {"view": title_words(f"Contact in {found.recording.name}"), "table": contact_words(found)}, {"plots": chart}
+            {"view": title_words(f"Contact in {contact.recording.name}"), "table": contact_words(contact)},
+            {"plots": chart},
         )
 
     def _contact_file(self) -> str:
@@ -331,9 +332,9 @@ class StudyActions:
 
     def separate(self, request: Mapping[str, Any]) -> PageUpdate:
         """The trajectory that separates two suspects."""
-        found = separation_of(self.study, str(request["first"]), str(request["second"]), self._progress)
-        self._separation = found
-        return separation_update(found)
+        separation = separation_of(self.study, str(request["first"]), str(request["second"]), self._progress)
+        self._separation = separation
+        return separation_update(separation)
 
     def download(self, request: Mapping[str, Any]) -> PageUpdate:
         """A file to save."""
@@ -341,14 +342,14 @@ class StudyActions:
         asked, pose = str(request.get("file")), str(request.get("sensor_pose") or "")
         if asked.startswith("report"):
             self._progress("write the report")
-        found = download_of(asked, step, self._case, self._diagnosis, self._files, self._separation, pose)
-        return PageUpdate(download=found)
+        download = download_of(asked, step, self._case, self._diagnosis, self._files, self._separation, pose)
+        return PageUpdate(download=download)
 
 
-def separation_update(found: Separation) -> PageUpdate:
+def separation_update(separation: Separation) -> PageUpdate:
     """A designed trajectory, drawn, and how well it separates."""
-    charts = {} if found.chart is None else {"plots": found.chart}
-    return PageUpdate({"view": trajectory_words(found), "table": separation_words(found)}, charts)
+    charts = {} if separation.chart is None else {"plots": separation.chart}
+    return PageUpdate({"view": trajectory_words(separation), "table": separation_words(separation)}, charts)
 
 
 ACTIONS: Mapping[str, Callable[[StudyActions, Mapping[str, Any]], PageUpdate]] = {

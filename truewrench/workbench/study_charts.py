@@ -31,9 +31,9 @@ def view_at_cell(view: View, study: Study, number: int, x: float) -> View:
     shown = maps_of(view, study)
     if not 0 <= number < len(shown):
         raise InputError(what="there is no such map", where="workbench", remedy="reload the page")
-    found = shown[number]
-    centre = float(found.centre[_nearest(found, x)])
-    return replace(view, name="time", steps=(), cell=(found.variable, centre, found.variable_unit))
+    residual_map = shown[number]
+    centre = float(residual_map.centre[_nearest(residual_map, x)])
+    return replace(view, name="time", steps=(), cell=(residual_map.variable, centre, residual_map.variable_unit))
 
 
 def _nearest(shown: ResidualMap, x: float) -> int:
@@ -61,10 +61,10 @@ def _sides(view: View, study: Study) -> list[LabelledComparison]:
 
 
 def _side(step: StudyStep, recording: int, number: str = "") -> LabelledComparison:
-    found = comparisons_of(step)[recording]
+    comparison = comparisons_of(step)[recording]
     level = LEVELS.effect if recording < len(step.training) else LEVELS.held_out
-    colour = ADEQUATE_COLOUR if found.lack_of_fit >= level else MISFIT_COLOUR
-    return LabelledComparison(f"{number}{step.label}", colour, found)
+    colour = ADEQUATE_COLOUR if comparison.lack_of_fit >= level else MISFIT_COLOUR
+    return LabelledComparison(f"{number}{step.label}", colour, comparison)
 
 
 def time_chart(view: View, study: Study) -> Chart:
@@ -107,8 +107,8 @@ def _runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
 def maps_of(view: View, study: Study) -> tuple[ResidualMap, ...]:
     """Residual maps of the first channel, those that explain most, or all."""
     channel = study.model.channels[view.channels[0]]
-    found = comparisons_of(study.steps[-1])[view.recording]
-    every = tuple(m for m in residual_maps(found, study.tolerance) if m.channel == channel)
+    comparison = comparisons_of(study.steps[-1])[view.recording]
+    every = tuple(m for m in residual_maps(comparison, study.tolerance) if m.channel == channel)
     return every if view.every_map else every[:MOST_MAPS]
 
 
@@ -118,10 +118,10 @@ def map_chart(maps: Sequence[ResidualMap], marked: tuple[str, float, str] | None
         raise InputError(
             what="no variable is visited often enough for a map", where="residual map", remedy="look at the time"
         )
-    found = residual_map_chart([("", maps)])
-    drawn = [p and _with_ring(p, m, marked) for p, m in zip(found.rows[0], maps, strict=True)]
+    chart = residual_map_chart([("", maps)])
+    drawn = [p and _with_ring(p, m, marked) for p, m in zip(chart.rows[0], maps, strict=True)]
     pairs = tuple(tuple(drawn[i : i + 2]) for i in range(0, len(drawn), 2))
-    return replace(found, rows=pairs, row_height=210, shared_x=False)
+    return replace(chart, rows=pairs, row_height=210, shared_x=False)
 
 
 def _with_ring(panel: Panel, shown: ResidualMap, marked: tuple[str, float, str] | None) -> Panel:

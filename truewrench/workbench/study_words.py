@@ -34,12 +34,14 @@ from truewrench.files.case_files import frame_sentences
 from truewrench.reports.effect_row import effect_row
 from truewrench.text.diagnosis_text import (
     RECORD_VERDICT_LABELS,
+    TOTAL_RMS_NOTE,
     disturbance_sentences,
+    evidence_notes,
     given_sentences,
-    noise_notes,
     verdict_headline,
     weaker_verdict_warning,
 )
+from truewrench.text.fit_summary import agreement_text
 from truewrench.text.tool_text import tool_text
 from truewrench.workbench.effect_estimates import effect_sizes, weakness
 from truewrench.workbench.page_update import PLACES, with_field_names
@@ -102,20 +104,20 @@ def _share(share: float | None) -> str:
 
 def _first_guess(test: ScoreTest, suspects: Suspects, *, significant: bool) -> str:
     """The most significant amplitudes. One that is nominally infinite has no std, and no size but a significant one."""
-    known = {p.name: p for p in test.effect.qualified(suspects.space)}
+    parameters = {p.name: p for p in test.effect.qualified(suspects.space)}
     texts = []
     for name, (value, std) in sorted(test.amounts.items(), key=lambda a: -abs(a[1][0]) / max(a[1][1], 1e-300)):
-        infinite = isinf(known[name].nominal)
+        infinite = isinf(parameters[name].nominal)
         if not infinite or significant:
             number = format_number(value, 2) if infinite else format_with_std(value, std)
-            texts.append(f"{_own(name)} = {number} {format_unit(known[name].unit)}".rstrip())
+            texts.append(f"{_own(name)} = {number} {format_unit(parameters[name].unit)}".rstrip())
     return ", ".join(texts[:MOST_AMOUNTS]) + ", .." * (len(texts) > MOST_AMOUNTS)
 
 
 def _detectable(test: ScoreTest, suspects: Suspects) -> str:
     units = {p.name: format_unit(p.unit) for p in test.effect.qualified(suspects.space)}
-    found = list(test.detectable.items())[:MOST_AMOUNTS]
-    return ", ".join(f"{_own(name)} {format_number(value, 2)} {units[name]}".rstrip() for name, value in found)
+    sizes = list(test.detectable.items())[:MOST_AMOUNTS]
+    return ", ".join(f"{_own(name)} {format_number(value, 2)} {units[name]}".rstrip() for name, value in sizes)
 
 
 def _own(name: str) -> str:
@@ -138,13 +140,13 @@ def known_signals(study: Study) -> dict[str, str]:
     return {name: unit for name, unit in signal_units(study.model.space).items() if name in present}
 
 
-def require_known_names(formulas: Mapping[str, str], own: Collection[str], study: Study) -> None:
+def require_known_names(formulas: Mapping[str, str], names_of_form: Collection[str], study: Study) -> None:
     """InputError for a name that is neither the form's own nor in the help for this kind of recording."""
-    helped = (*own, *known_signals(study), *tip_units(study.model.space), *study.fit.recordings[0].auxiliary)
-    known = {*helped, *FORMULA_FUNCTIONS, "pi"}
+    helped = (*names_of_form, *known_signals(study), *tip_units(study.model.space), *study.fit.recordings[0].auxiliary)
+    accepted = {*helped, *FORMULA_FUNCTIONS, "pi"}
     for target, formula in formulas.items():
         for name in NAME.findall(formula) if PLAIN.fullmatch(formula) else ():
-            if name not in known:
+            if name not in accepted:
                 what = f"{quoted(name)} is not a known name for these recordings"
                 raise InputError(what=what, where=target, remedy=suggestion(name, helped))
 
@@ -159,8 +161,8 @@ def unit_hint(error: InputError, parameters: Mapping[str, str], accepted: Callab
     if match is None:
         return ""
     try:
-        found, expected = (dimension(unit) for unit in match.groups())
-        units = {name: str(dimension(unit) * expected / found) for name, unit in parameters.items()}
+        present, expected = (dimension(unit) for unit in match.groups())
+        units = {name: str(dimension(unit) * expected / present) for name, unit in parameters.items()}
     except InputError:
         return ""
     mended = [name for name, unit in units.items() if accepted({**parameters, name: unit})]
@@ -193,9 +195,9 @@ class StepLine:
 
     def words(self) -> str:
         """As HTML, such as `added sensor_lag: error / noise floor 5.28 → 0.551, held out 4.78 → 0.829`."""
-        known = dict(self.before) if self.before != self.after else {}
+        errors_before = dict(self.before) if self.before != self.after else {}
         errors = Markup(", ").join(
-            Markup("{} {}<b>{}</b>").format(name, f"{known[name]} → " if name in known else "", now)
+            Markup("{} {}<b>{}</b>").format(name, f"{errors_before[name]} → " if name in errors_before else "", now)
             for name, now in self.after
         )
         return Markup("{}: {}").format(self.done, errors)
@@ -278,11 +280,11 @@ def steps_words(study: Study, *, puzzle: bool) -> str:
         rows=[[c.text(v) for c, v in zip(table.columns, row, strict=True)] for row in table.rows],
         effects=[_effect_values(effect, study) for effect in study.model.effects],
         failing=study.steps[-1].misfitting,
+        agreement=agreement_text(study.steps[-1].misfitting, from_residual=noise_from_residual(study.fit)),
         undone=study.undone,
         tool=tool_text(study.fit, misfitting=bool(study.misfitting), unknown=unknown),
         parameters=Markup(study.fit.table),
         puzzle=puzzle,
-        weak=noise_from_residual(study.fit),
     )
 
 
@@ -346,7 +348,7 @@ def verdict_words(diagnosis: Diagnosis) -> str:
         label=RECORD_VERDICT_LABELS[diagnosis.verdict],
         headline=verdict_headline(diagnosis),
         rows=[row for row in rows if row.finding.verdict in leading],
-        notes=[with_field_names(n) for n in (*disturbance_sentences(diagnosis), *noise_notes(diagnosis))],
+        notes=[with_field_names(n) for n in (*disturbance_sentences(diagnosis), *evidence_notes(diagnosis))],
         alternatives=given_sentences(diagnosis),
         warning=weaker_verdict_warning(diagnosis),
     )
@@ -371,17 +373,18 @@ def view_words(view: View, study: Study, maps: Sequence[ResidualMap]) -> str:
         fitting=not step.misfitting,
         cells=_significant_cells(maps),
         fits=several[view.recording][0].remarks(),
+        total_rms_note=TOTAL_RMS_NOTE,
     )
 
 
 def _significant_cells(maps: Sequence[ResidualMap]) -> list[dict[str, Any]]:
-    found = [
+    cells = [
         {"panel": number, "x": float(m.centre[i]), "variable": m.variable, "unit": format_unit(m.variable_unit),
          "at": format_number(float(m.centre[i])), "mean": format_number(float(m.mean[i])),
          "mean_unit": format_unit(m.channel_unit), "size": abs(float(m.mean[i])) / max(m.tolerance, 1e-300)}
         for number, m in enumerate(maps) for i in range(len(m.centre)) if m.practically_significant[i]
     ]  # fmt: skip
-    return sorted(found, key=lambda cell: -float(cell["size"]))[:MOST_CELLS]  # type: ignore[arg-type]
+    return sorted(cells, key=lambda cell: -float(cell["size"]))[:MOST_CELLS]  # type: ignore[arg-type]
 
 
 def vocabulary_words(study: Study) -> str:
@@ -412,26 +415,29 @@ def table_words(parts: Sequence[Table | str]) -> str:
     return part("tables.html", parts=[Markup(p) if isinstance(p, Table) else p for p in parts])
 
 
-def trajectory_words(found: Separation) -> str:
+def trajectory_words(separation: Separation) -> str:
     """Heading of a designed trajectory, in the place of what is looked at."""
     return Markup('<h2 data-shown="trajectory">Trajectory that separates {} and {}</h2>').format(
-        found.first, found.second
+        separation.first, separation.second
     )
 
 
-def comparison_words(found: ModelComparison) -> str:
+def comparison_words(comparison: ModelComparison) -> str:
     """Two models side by side, in numbers."""
-    names = ", ".join(r.name for r in found.recordings)
-    return table_words([f"The two models in numbers, on {names}:", *found.printed()])
+    names = ", ".join(r.name for r in comparison.recordings)
+    return table_words([f"The two models in numbers, on {names}:", *comparison.printed()])
 
 
-def contact_words(found: ContactWrench) -> str:
+def contact_words(contact: ContactWrench) -> str:
     """The contacts found."""
-    return table_words(found.printed())
+    return table_words(contact.printed())
 
 
-def separation_words(found: Separation) -> str:
+def separation_words(separation: Separation) -> str:
     """How well a trajectory separates two suspects."""
-    return table_words(found.design.printed()) + part(
-        "separation.html", found=found, runs=found.design.runs, available=found.design.motion is not None
+    return table_words(separation.design.printed()) + part(
+        "separation.html",
+        separation=separation,
+        runs=separation.design.runs,
+        available=separation.design.motion is not None,
     )

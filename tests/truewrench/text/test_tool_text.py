@@ -42,7 +42,7 @@ def test_a_hand_most_of_the_time_leaves_the_tool_unknown(seed: int) -> None:
     """12 N at random on a tool of the same weight: a mass estimated of it has an error of as much as it is."""
     found = fitted([run(seed, GuidingHand())])
     text = FitSummary(found, intervals(found)).text(None)
-    assert "Tool: not known, as most of what f" in text
+    assert "The tool is not known, as most of what f" in text
     assert "Tool: m " not in text
 
 

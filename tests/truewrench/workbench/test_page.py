@@ -85,7 +85,7 @@ def _an_effect_is_added_and_dropped(page: Page) -> None:
     page.focus('button[aria-label="add viscous_drag"]')
     page.keyboard.press("Enter")
     page.wait_for_selector('button[aria-label="drop viscous_drag"]')
-    assert "The current model fits" in text(page, "steps")
+    assert "The model fits" in text(page, "steps")
     assert text(page, "last-step").startswith("added viscous_drag: error / noise floor")
     assert in_sight(page, "last-step")
     assert "Tool: m" in text(page, "steps")
