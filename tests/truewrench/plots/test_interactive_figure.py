@@ -13,8 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import truewrench as tw
-from tests.test_results import fitted
-from tests.workbench.browser import browser
+from tests.shared.results import fitted
+from tests.truewrench.workbench.browser import browser
 from truewrench.plots.bokeh_chart import DARK, LIGHT, bokeh_chart, figures_of
 from truewrench.plots.chart import Band, Chart, Line, Panel, Points
 from truewrench.plots.interactive_figure import MOST_VALUES, InteractiveFigure, shared_columns
