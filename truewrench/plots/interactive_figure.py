@@ -38,17 +38,18 @@ FEWEST_COLUMNS = 250
 class InteractiveFigure:
     """A chart to zoom, to read values off, and to hide what its legend names.
 
-    columns   intervals of a long line, each with its smallest and largest sample: what zooming in can show
+    columns   intervals of a long line, each with its smallest and largest sample: what zooming in can show; None for
+              as many as a page of this figure alone holds
     """
 
     chart: Chart
-    columns: int = MOST_VALUES
+    columns: int | None = None
 
     @property
     def layout(self) -> Any:
         """The figures of Bokeh, a column of rows, for who wants to change them; they are made anew each time."""
         enlarged = replace(self.chart, row_height=SCREEN_SCALE * self.chart.row_height)
-        return bokeh_chart(enlarged, ON_ANY_PAPER, columns=self.columns)
+        return bokeh_chart(enlarged, ON_ANY_PAPER, columns=self.columns or shared_columns([self.chart]))
 
     @property
     def json(self) -> str:

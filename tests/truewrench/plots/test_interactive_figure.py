@@ -127,3 +127,7 @@ def test_a_browser_draws_it_from_the_page_alone(tmp_path: Path) -> None:
             assert page.evaluate(ink) == colours.ink
             page.close()
     assert not wrong
+
+
+def test_the_page_of_a_long_recording_is_of_moderate_size() -> None:
+    assert len(InteractiveFigure(one_panel(*lines(1_000_000, number=6))).json) < 2_000_000
