@@ -176,7 +176,7 @@ def initial_noise(model: WrenchModel, recordings: Sequence[Recording]) -> tuple[
     from estimation.noise.events_in_single_runs import find_events_in_single_runs  # in a streamed fit there are none
 
     events = find_events_in_single_runs(model, recordings)
-    return tuple(_initial_noise(model.base, r, own) for r, own in zip(recordings, events, strict=True))
+    return tuple(_initial_noise(model.base, r, intervals) for r, intervals in zip(recordings, events, strict=True))
 
 
 def _initial_noise(base: WrenchModel, recording: Recording, events: tuple[tuple[float, float], ...]) -> RecordingNoise:

@@ -80,8 +80,8 @@ class Fit(Solution, Estimates):
 
     def identifies(self, effect: Effect) -> bool:
         """Whether an amplitude of one of its model's effects is identifiable."""
-        own = effect.qualified(self.model.space)
-        return any(np.isfinite(self.parameters[p.name].std) for p in own if not p.nuisance)
+        parameters = effect.qualified(self.model.space)
+        return any(np.isfinite(self.parameters[p.name].std) for p in parameters if not p.nuisance)
 
     def linearised(self) -> LinearisedRows:
         """Whitened residual and derivative at the estimate."""
@@ -105,10 +105,10 @@ class Fit(Solution, Estimates):
         return [*super().printed(), self._chi_square_remark()]
 
     def _chi_square_remark(self) -> str:
-        found = self.reduced_chi_square
-        if found is None:
+        chi_square = self.reduced_chi_square
+        if chi_square is None:
             return "noise estimated from the residual itself; summary() tests whether the model fits"
-        return f"reduced chi-square {found:.3g}, 1 where the model fits; summary() tests it"
+        return f"reduced chi-square {chi_square:.3g}, 1 where the model fits; summary() tests it"
 
     @property
     def reduced_chi_square(self) -> float | None:
@@ -145,13 +145,13 @@ class Fit(Solution, Estimates):
 
     def response(self, number: int = 0) -> ModelResponse:
         """Prediction of one of the recordings."""
-        own = self.layout.models[number]
-        return model_response(own, self.recordings[number], self.theta[self.layout.index[number]])
+        model = self.layout.models[number]
+        return model_response(model, self.recordings[number], self.theta[self.layout.index[number]])
 
     def predicted_readings(self, number: int = 0) -> Array:
         """Predicted readings of one of the recordings, (n, p) in the channels' units; without a derivative."""
-        own = self.layout.models[number]
-        return predicted_readings(own, self.recordings[number], self.theta[self.layout.index[number]])
+        model = self.layout.models[number]
+        return predicted_readings(model, self.recordings[number], self.theta[self.layout.index[number]])
 
     @property
     def params(self) -> pd.DataFrame:
@@ -159,11 +159,11 @@ class Fit(Solution, Estimates):
 
         Few degrees of freedom, where little is known of the noise, make the interval wider than 1.96 std.
         """
-        found, ends = super().params, self.intervals()
-        found.insert(2, "freedom", ends.freedom)
-        found.insert(3, "low", ends.low)
-        found.insert(4, "high", ends.high)
-        return found
+        frame, ends = super().params, self.intervals()
+        frame.insert(2, "freedom", ends.freedom)
+        frame.insert(3, "low", ends.low)
+        frame.insert(4, "high", ends.high)
+        return frame
 
     def predict(self, recording: Recording | None = None) -> pd.DataFrame:
         """Predicted readings of a recording, by time and channel, as a data frame.
@@ -187,7 +187,7 @@ class Fit(Solution, Estimates):
 
     def number_of(self, recording: Recording) -> int | None:
         """Number of a recording among those of the fit; None of another."""
-        return next((i for i, own in enumerate(self.recordings) if own.is_reading_of(recording)), None)
+        return next((i for i, other in enumerate(self.recordings) if other.is_reading_of(recording)), None)
 
     @cached_property
     def residuals(self) -> tuple[Array, ...]:
@@ -385,7 +385,7 @@ def with_ordinary_estimate(fitted: Fit) -> Fit:
         ordinary=ordinary,
     )
     parts = zip(fitted.noise, fitted.recordings, estimated.residuals, strict=True)
-    noise = tuple(with_floor_of(own, recording, r) for own, recording, r in parts)
+    noise = tuple(with_floor_of(recording_noise, recording, r) for recording_noise, recording, r in parts)
     return replace(estimated, problem=fitted.problem.in_noise(noise))
 
 
@@ -411,9 +411,9 @@ def _whole_recordings(
         what = "an executor needs the noise beforehand, as it processes each part independently"
         raise InputError(what=what, where="executor", remedy=remedy)
     parts = given if isinstance(given, Recording | str) or hasattr(given, "columns") else _listed(given)
-    for part in parts if isinstance(parts, tuple) else ():
-        if isinstance(part, Chunk):
-            raise InputError(what="noise cannot be estimated from chunks", where=part.run, remedy=remedy)
+    for chunk in parts if isinstance(parts, tuple) else ():
+        if isinstance(chunk, Chunk):
+            raise InputError(what="noise cannot be estimated from chunks", where=chunk.run, remedy=remedy)
     return recordings_of(parts, "fit")  # type: ignore[arg-type]  # what is left is checked there
 
 
@@ -522,10 +522,12 @@ def _reestimated(fit: Fit, number: int) -> RecordingNoise:
 
 def residual_with_tones(fit: Fit, number: int) -> Array:
     """Residual (n, p) of a fit without its tone effects: noise estimation excludes tones itself."""
-    own = fit.layout.models[number]
+    model = fit.layout.models[number]
     index = fit.layout.index[number]
-    values = {p.name: fit.theta[i] for p, i in zip(own.parameters, index, strict=True)}
-    without_tones = replace(own, effects=tuple(e for e in own.effects if not e.has_role(Role.FREQUENCY, own.space)))
+    values = {p.name: fit.theta[i] for p, i in zip(model.parameters, index, strict=True)}
+    without_tones = replace(
+        model, effects=tuple(e for e in model.effects if not e.has_role(Role.FREQUENCY, model.space))
+    )
     theta = np.array([values[p.name] for p in without_tones.parameters])
     return np.asarray(fit.recordings[number].wrench - predicted_readings(without_tones, fit.recordings[number], theta))
 

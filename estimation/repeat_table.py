@@ -335,8 +335,8 @@ class RepeatTable(Tabular):
         whole = (v for row in self.readings for v in (row.average_mean, row.averaging.average))
         lines.append((f"average of {runs}", *whole))
         for name in dict.fromkeys(row.recording for row in self.validation):
-            own = [row for row in self.validation if row.recording == name]
-            lines.append((name, *(v for row in own for v in (row.mean, row.variance))))
+            rows = [row for row in self.validation if row.recording == name]
+            lines.append((name, *(v for row in rows for v in (row.mean, row.variance))))
         return Table.of(("recording", *(Column(name, format=".4g") for name in names)), lines)
 
     def remarks(self) -> list[str]:
@@ -377,7 +377,7 @@ def motion_error_rows(recording: Recording) -> tuple[ErrorStatistics, ...]:
     linear = {f"{prefix}{joint}" for prefix in ("q", "dq", "ddq") for joint in prismatic}
     units = {name: signal_unit(name) or "1" for name in errors}  # 1 of a quaternion
     units |= {name: units[name].replace("rad", "m") for name in linear & set(errors)}
-    return tuple(ErrorStatistics.of(name, units[name], own) for name, own in errors.items())
+    return tuple(ErrorStatistics.of(name, units[name], series) for name, series in errors.items())
 
 
 def _motion_error(recording: Recording, name: str) -> Array:
@@ -401,6 +401,6 @@ def validation_rows(fit: Fit, number: int, other: Recording) -> tuple[Validation
     error = other.wrench - predicted_readings(model, other, np.array([values[p.name] for p in model.parameters]))
     units = Space(other.dimension).units
     return tuple(
-        ValidationRow(other.name, c, unit, float(own.mean()), float(own.var()))
-        for c, unit, own in zip(other.channels, units, error.T, strict=True)
+        ValidationRow(other.name, c, unit, float(errors.mean()), float(errors.var()))
+        for c, unit, errors in zip(other.channels, units, error.T, strict=True)
     )

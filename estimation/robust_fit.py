@@ -184,33 +184,33 @@ def separate_outliers(
     *,
     before: Outliers | None = None,
     held: bool = False,
-    known: Array | None = None,
+    stated: Array | None = None,
 ) -> Outliers:
     """Separate a residual (n, p) into noise and outliers, starting at `before`, that of a similar residual.
 
-    `held` keeps the noise spectrum of `before`. `known` is the noise's std (p,) where the rig states it: white noise,
+    `held` keeps the noise spectrum of `before`. `stated` is the noise's std (p,) where the rig states it: white noise,
     nothing is estimated.
     """
     runs = _by_runs(recording, residual)
-    if known is not None:
+    if stated is not None:
         precision = InverseCovarianceFilter(np.ones(runs.shape[1:]))
     elif before is not None and held:
         precision = before.precision
     else:
         undisturbed = residual if before is None else residual - before.residual + before.undisturbed
         precision = inverse_covariance_filter(recording, _by_runs(recording, undisturbed))
-    part = np.zeros_like(runs) if before is None else _by_runs(recording, before.part)
+    outlying = np.zeros_like(runs) if before is None else _by_runs(recording, before.part)
     rounds = MAX_ITERATIONS
     while True:
-        distance = part + precision.prediction_error(runs - part)
-        scale = known if known is not None else STD_PER_MAD * np.median(np.abs(distance), axis=(0, 1))
+        distance = outlying + precision.prediction_error(runs - outlying)
+        scale = stated if stated is not None else STD_PER_MAD * np.median(np.abs(distance), axis=(0, 1))
         scale = np.maximum(scale, 1e-12 * np.abs(residual).max(initial=1e-288))
-        step = distance - scale * loss.psi(distance / scale) - part
-        part, rounds = part + precision.damping * step, rounds - 1
+        step = distance - scale * loss.psi(distance / scale) - outlying
+        outlying, rounds = outlying + precision.damping * step, rounds - 1
         if not rounds or (np.abs(step) <= OUTLIER_TOLERANCE * scale).all():
             break
-    part, distance = (series.reshape(residual.shape) for series in (part, distance / scale))
-    return Outliers(recording, loss, precision, residual, part, distance, scale)
+    outlying, distance = (series.reshape(residual.shape) for series in (outlying, distance / scale))
+    return Outliers(recording, loss, precision, residual, outlying, distance, scale)
 
 
 def _by_runs(recording: Recording, series: Array) -> Array:
@@ -269,7 +269,7 @@ class RobustFit(Tabular):
     @property
     def outlier_table(self) -> Table:
         """Share downweighted, and the significant outliers, of each channel of each recording."""
-        return Table.of(OUTLIER_COLUMNS, [row for own in self.outliers for row in own.rows()])
+        return Table.of(OUTLIER_COLUMNS, [row for outliers in self.outliers for row in outliers.rows()])
 
     def printed(self) -> list[Table | str]:
         """Parameters, then outliers."""
@@ -366,13 +366,13 @@ def _outliers(
     plain: Fit, fitted: Fit, loss: Loss, before: Sequence[Outliers] | None = None, held: bool = False
 ) -> tuple[Outliers, ...]:
     """Outliers of every recording about a fit, the noise spectrum `held` from `before` where asked."""
-    found = []
+    outliers = []
     for number, (recording, noise) in enumerate(zip(plain.recordings, plain.noise, strict=True)):
         residual = recording.wrench - fitted.predicted_readings(number)
         earlier = None if before is None else before[number]
-        known = noise.floor if noise.source is NoiseSource.RIG else None
-        found.append(separate_outliers(recording, residual, loss, before=earlier, held=held, known=known))
-    return tuple(found)
+        stated = noise.floor if noise.source is NoiseSource.RIG else None
+        outliers.append(separate_outliers(recording, residual, loss, before=earlier, held=held, stated=stated))
+    return tuple(outliers)
 
 
 def _influence(fitted: Fit, outliers: Sequence[Outliers]) -> Array:
@@ -381,22 +381,27 @@ def _influence(fitted: Fit, outliers: Sequence[Outliers]) -> Array:
     scale = np.linalg.norm(derivative, axis=0)
     scale[scale == 0] = 1.0
     unit, inverse = derivative / scale, fitted.covariance * np.outer(scale, scale)
-    cleaned = np.concatenate([_cleaned_sensitivity(fitted, number, own) for number, own in enumerate(outliers)]) / scale
-    std = np.concatenate([_cleaned_noise_std(noise, own) for noise, own in zip(fitted.noise, outliers, strict=True)])
+    cleaned = (
+        np.concatenate([_cleaned_sensitivity(fitted, number, separated) for number, separated in enumerate(outliers)])
+        / scale
+    )
+    std = np.concatenate(
+        [_cleaned_noise_std(noise, separated) for noise, separated in zip(fitted.noise, outliers, strict=True)]
+    )
     return np.asarray(std * unit @ (np.linalg.pinv(inverse @ unit.T @ cleaned) @ inverse).T / scale)
 
 
-def _cleaned_sensitivity(fitted: Fit, number: int, own: Outliers) -> Array:
+def _cleaned_sensitivity(fitted: Fit, number: int, outliers: Outliers) -> Array:
     """W J X of one recording: sensitivity (rows, k) of its cleaned, whitened rows."""
-    cleaned = fitted.noise[number].whitener.series(own.linearised(fitted.response(number).derivative))
+    cleaned = fitted.noise[number].whitener.series(outliers.linearised(fitted.response(number).derivative))
     rows = np.zeros((len(cleaned), fitted.layout.size))
     rows[:, fitted.layout.index[number]] = cleaned
     return rows
 
 
-def _cleaned_noise_std(noise: RecordingNoise, own: Outliers) -> Array:
+def _cleaned_noise_std(noise: RecordingNoise, outliers: Outliers) -> Array:
     """Std (rows, 1) of whitened cleaned noise: 1, or less for noise that the rig states, which cleaning reduces."""
     if noise.source is not NoiseSource.RIG:
         return np.ones((noise.whitener.rows, 1))
-    std = np.sqrt((own.loss.psi(own.distance) ** 2).mean(axis=0))
+    std = np.sqrt((outliers.loss.psi(outliers.distance) ** 2).mean(axis=0))
     return np.tile(std, noise.whitener.rows // len(std))[:, None]

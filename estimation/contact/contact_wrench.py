@@ -476,15 +476,15 @@ class ContactWrench(Tabular):
 
     def _contradictions(self) -> list[str]:
         """One sentence about the contacts that a force at the tip does not explain, if there are any."""
-        found = self.unexplained_by_tip_force
-        if not found:
+        unexplained = self.unexplained_by_tip_force
+        if not unexplained:
             return []
         unit = "" if self.recording.at_rest else " s"
-        start = ", ".join(f"{self.time_of(m.interval.first):.3f}" for m in found) + unit
-        p_value = plain_number(max(m.tip_p_value for m in found), P_VALUE)
+        start = ", ".join(f"{self.time_of(m.interval.first):.3f}" for m in unexplained) + unit
+        p_value = plain_number(max(m.tip_p_value for m in unexplained), P_VALUE)
         p_value = f"p {p_value}" if p_value.startswith("<") else f"p = {p_value}"
         return [
-            f"A force at the tip does not explain the contact{'s' * (len(found) > 1)} from {start} on ({p_value}):"
+            f"A force at the tip does not explain the contact{'s' * (len(unexplained) > 1)} from {start} on ({p_value}):"
             " the contact is elsewhere or exerts a torque; read fcx, fcy and tauc, not the force at the tip."
         ]
 
@@ -566,47 +566,52 @@ def compensate(
     [(1.5, 2.5), (6.5, 7.5), (11.5, 12.5), (16.5, 17.5)]
     """
     _require_order(fitted, recording)
-    known = _calibration(fitted).without_recording_specific
-    recording = prepared(recording, known.model)
-    response = model_response(known.model, recording, known.theta)
-    gain, slopes = contact_gain_at(known.model, known.theta)
-    biases = np.arange(len(known.model.biases))
+    calibration = _calibration(fitted).without_recording_specific
+    recording = prepared(recording, calibration.model)
+    response = model_response(calibration.model, recording, calibration.theta)
+    gain, slopes = contact_gain_at(calibration.model, calibration.theta)
+    biases = np.arange(len(calibration.model.biases))
     residual = recording.wrench - response.value
-    found = detect_contacts(
+    detection = detect_contacts(
         residual,
         recording.dt,
-        floor=known.floor,
-        remainder=known.remainder,
+        floor=calibration.floor,
+        remainder=calibration.remainder,
         zero=np.zeros(len(biases)) if keep_zero else None,
         false_alarms=false_alarms,
     )
     inverse = np.linalg.inv(gain)
-    wrench = (residual - found.zero) @ inverse.T
+    wrench = (residual - detection.zero) @ inverse.T
     tangent = response.derivative
     if not keep_zero:
-        tangent = tangent - tangent[found.free].mean(axis=0)
+        tangent = tangent - tangent[detection.free].mean(axis=0)
     # From reading = value(theta) + gain(theta) contact: d contact = -gain^-1 (d value + d gain contact).
     tangent = -np.einsum("ij,njk->nik", inverse, tangent + np.einsum("ijk,nj->nik", slopes, wrench))
-    unidentifiable = np.abs(tangent[:, :, ~known.known]).max(axis=(0, 1), initial=0.0)
-    tangent, covariance = tangent[:, :, known.known], known.covariance[np.ix_(known.known, known.known)]
+    unidentifiable = np.abs(tangent[:, :, ~calibration.known]).max(axis=(0, 1), initial=0.0)
+    tangent, covariance = (
+        tangent[:, :, calibration.known],
+        calibration.covariance[np.ix_(calibration.known, calibration.known)],
+    )
     systematic = np.einsum("nik,kl,njl->nij", tangent, covariance, tangent, optimize=True)
     return ContactWrench(
         recording=recording,
-        calibration=known,
-        detection=found,
+        calibration=calibration,
+        detection=detection,
         wrench=wrench,
-        noise=inverse @ found.covariance @ inverse.T,
-        systematic_covariance=systematic + inverse @ found.zero_covariance @ inverse.T,
-        zero_shift=found.zero,
-        group_delay=group_delay(known.model, known.theta),
-        unknown=_unidentified_parameters(known, unidentifiable),
+        noise=inverse @ detection.covariance @ inverse.T,
+        systematic_covariance=systematic + inverse @ detection.zero_covariance @ inverse.T,
+        zero_shift=detection.zero,
+        group_delay=group_delay(calibration.model, calibration.theta),
+        unknown=_unidentified_parameters(calibration, unidentifiable),
         tip_length=_tip_length(recording, tip_length),
     )
 
 
-def _unidentified_parameters(known: CalibratedModel, change: Array) -> dict[str, float]:
+def _unidentified_parameters(calibration: CalibratedModel, change: Array) -> dict[str, float]:
     """Unidentifiable parameters of the calibration with their largest effect (k,) per unit, where not zero."""
-    names = [p.name for p, is_known in zip(known.model.parameters, known.known, strict=True) if not is_known]
+    names = [
+        p.name for p, is_known in zip(calibration.model.parameters, calibration.known, strict=True) if not is_known
+    ]
     return {name: float(amount) for name, amount in zip(names, change, strict=True) if amount > 0}
 
 

@@ -157,7 +157,9 @@ class WeightMoments:
     def _squares(self, directions: Array) -> Array:
         """Sums of squares (m,) of the residuals with gravity along unit vectors (m, d), up to what all share."""
         eye = np.eye(self.axes)
-        regressors = np.stack([np.vstack([eye, *(-self.gravity * part * eye for part in d)]) for d in directions])
+        regressors = np.stack(
+            [np.vstack([eye, *(-self.gravity * component * eye for component in d)]) for d in directions]
+        )
         turned, inputs = regressors.transpose(0, 2, 1), self.gram[: -self.axes, : -self.axes]
         mixed = turned @ self.gram[: -self.axes, -self.axes :]
         solutions = np.linalg.pinv(turned @ inputs @ regressors, rcond=1e-10, hermitian=True) @ mixed
@@ -252,8 +254,10 @@ class GravityEstimate:
     @property
     def evidence(self) -> str:
         """Mass and residual with it and without."""
-        found = f"with its direction free the mass is {self.fit.mass:.3g} kg and the residual of the weight falls from"
-        return f"{found} {self.upright.rms:.3g} to {self.fit.rms:.3g} N"
+        improvement = (
+            f"with its direction free the mass is {self.fit.mass:.3g} kg and the residual of the weight falls from"
+        )
+        return f"{improvement} {self.upright.rms:.3g} to {self.fit.rms:.3g} N"
 
     @property
     def sentence(self) -> str:
@@ -335,11 +339,11 @@ def estimated_gravity(
     level axis that explains the readings about as well, the direction is that axis.
     """
     best = moments.best_direction
-    found, opposite = moments.fit(best), moments.fit(-best)
-    gain = independent * ((opposite.rms / max(found.rms, 1e-300)) ** 2 - 1)
+    fit, opposite = moments.fit(best), moments.fit(-best)
+    gain = independent * ((opposite.rms / max(fit.rms, 1e-300)) ** 2 - 1)
     decided = bool(gain > SIGN_SIGNIFICANCE**2)
     direction = _snapped(best, moments, near_axis)
-    if not decided and _is_opposite(direction, found, convention):
+    if not decided and _is_opposite(direction, fit, convention):
         direction = tuple(-c + 0.0 for c in direction)
     return GravityEstimate(
         direction=direction,
@@ -363,9 +367,9 @@ def _plain(direction: Array) -> Direction:
     return tuple(float(component) + 0.0 for component in direction)
 
 
-def _is_opposite(direction: Direction, found: FreeFit, convention: Convention) -> bool:
+def _is_opposite(direction: Direction, fit: FreeFit, convention: Convention) -> bool:
     """Whether the opposite direction is meant, of two that the data do not distinguish."""
-    on_tool = float(np.linalg.det(found.matrix)) > 0
+    on_tool = float(np.linalg.det(fit.matrix)) > 0
     if convention is not Convention.AUTO:
         return on_tool is not (convention is Convention.ON_TOOL)
     if abs(direction[-1]) > np.sin(TILT):

@@ -41,15 +41,15 @@ def is_real_number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and not isnan(value)
 
 
-def require_known_names(names: Iterable[str], known: Iterable[str], where: str) -> None:
+def require_known_names(names: Iterable[str], allowed: Iterable[str], where: str) -> None:
     """Raise InputError for the first unknown name, suggesting the closest known one."""
-    known = list(known)
+    allowed = list(allowed)
     for name in names:
-        if name not in known:
+        if name not in allowed:
             raise InputError(
                 what=f"no parameter is called {quoted(name)}",
                 where=where,
-                remedy=suggestion(name, known, most=len(known)),
+                remedy=suggestion(name, allowed, most=len(allowed)),
             )
 
 

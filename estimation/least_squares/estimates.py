@@ -212,8 +212,8 @@ class Estimates(NamedEstimates, Tabular):
     @cached_property
     def unidentifiable(self) -> tuple[UnidentifiableDirection, ...]:
         """Unidentifiable parameter combinations, of parameters that are not fixed."""
-        found = unidentifiable_directions(self.scaled_svd, self.unknowns)
-        return tuple(d for d in found if not any(p.fixed for p in d.parameters))
+        directions = unidentifiable_directions(self.scaled_svd, self.unknowns)
+        return tuple(d for d in directions if not any(p.fixed for p in d.parameters))
 
     @cached_property
     def weakest(self) -> LeastCertainDirection | None:
@@ -229,16 +229,16 @@ class Estimates(NamedEstimates, Tabular):
     def held(self) -> tuple[str, ...]:
         """Names of the parameters that a bound holds: their std is not that of a measurement."""
         ends = zip(self.unknowns, self.theta, self.identifiable, strict=True)
-        return tuple(p.name for p, value, known in ends if known and not p.fixed and value in p.bounds)
+        return tuple(p.name for p, value, is_known in ends if is_known and not p.fixed and value in p.bounds)
 
     def remarks(self) -> list[str]:
         """Remarks on the estimate: ill-conditioning, unidentifiable combinations, missing convergence."""
-        found = [f"condition {self.condition:.2g}; {self.weakest}"] if self.condition > ILL_CONDITIONED else []
+        remarks = [f"condition {self.condition:.2g}; {self.weakest}"] if self.condition > ILL_CONDITIONED else []
         alone = [d.names[0] for d in self.unidentifiable if len(d.names) == 1]
         if len(alone) > 1:
-            found.append(f"{', '.join(alone[:-1])} and {alone[-1]} are not identifiable from this motion")
-        found += [str(d) for d in self.unidentifiable if len(d.names) > 1 or len(alone) == 1]
-        return found if self.converged else [*found, NOT_CONVERGED]
+            remarks.append(f"{', '.join(alone[:-1])} and {alone[-1]} are not identifiable from this motion")
+        remarks += [str(d) for d in self.unidentifiable if len(d.names) > 1 or len(alone) == 1]
+        return remarks if self.converged else [*remarks, NOT_CONVERGED]
 
 
 def parameter_table(estimates: Mapping[str, Estimate], held: Collection[str] = ()) -> Table:

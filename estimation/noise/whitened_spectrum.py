@@ -71,9 +71,9 @@ class NoiseLevel:
     def _distribution(self) -> tuple[Array, Array]:
         """Values and probabilities of the sum of all parts."""
         values, probability = np.array([self.known]), np.ones(1)
-        for part, chance in self.parts:
+        for power, chance in self.parts:
             likely = chance > NEGLIGIBLE * chance.max()
-            values = (values[:, None] + part[likely]).ravel()
+            values = (values[:, None] + power[likely]).ravel()
             probability = (probability[:, None] * chance[likely]).ravel()
             values, probability = _binned(values, probability)
         return values, probability / probability.sum()
@@ -143,8 +143,8 @@ class WhitenedSpectrum:
         probability = np.exp(log_likelihood - log_likelihood.max(axis=0)) * prior
         likely = (probability > NEGLIGIBLE * probability.max(axis=0)).any(axis=1)
         probability = probability[likely] / probability[likely].sum(axis=0)
-        found = white[likely][:, None, :] / shapes.inverse[likely][:, :, None]
-        return cls(shapes.bins, shapes.bins.of_known_mean(found) if stated else found, probability)
+        spectra = white[likely][:, None, :] / shapes.inverse[likely][:, :, None]
+        return cls(shapes.bins, shapes.bins.of_known_mean(spectra) if stated else spectra, probability)
 
     @property
     def rows(self) -> int:

@@ -222,7 +222,7 @@ def _planar(signals: Mapping[str, Array], gravity: float) -> tuple[Array, Array,
 def _forces(velocity: Array, levers: list[Array]) -> Array:
     """Drags along the velocity (n, d), linear and quadratic, and further forces, (n, r, d), but none of zeros."""
     speed = np.linalg.norm(velocity, axis=1, keepdims=True)
-    return np.stack([part for part in (velocity, speed * velocity, *levers) if part.any()] or [velocity], axis=1)
+    return np.stack([drag for drag in (velocity, speed * velocity, *levers) if drag.any()] or [velocity], axis=1)
 
 
 def clock_offset(motion: MotionRegressors, stamps: Array, wrench: Array, around: float = 0.0) -> OffsetReading | None:
@@ -238,15 +238,15 @@ def clock_offset(motion: MotionRegressors, stamps: Array, wrench: Array, around:
     scan = around + np.arange(-reach, reach + SCAN_STEP, SCAN_STEP)
     costs = np.array([_cost(motion, *coarse, offset) for offset in scan])
     best = _nearest_minimum(scan - around, costs)
-    known = np.abs(stamps - scan[best] - motion.instants.mean()) < 0.5 * np.ptp(motion.instants) - SCAN_STEP
-    refined = stamps[known][:REFINE_ROWS], wrench[known][:REFINE_ROWS]
+    overlapping = np.abs(stamps - scan[best] - motion.instants.mean()) < 0.5 * np.ptp(motion.instants) - SCAN_STEP
+    refined = stamps[overlapping][:REFINE_ROWS], wrench[overlapping][:REFINE_ROWS]
     offset, std, weights = _refined(motion, *refined, float(scan[best]))
     share = 1 - float(np.exp(_cost(motion, *coarse, offset) - _cost(motion, *coarse, None)))
     sure = std < LARGEST_STD and share > LEAST_CORRELATION and 0 < best < len(scan) - 1
     others = tuple(float(scan[i]) for i in _deep_minima(costs) if abs(i - best) * SCAN_STEP > OTHER_OFFSET)
     shares = 1 - np.exp(costs - _cost(motion, *coarse, None))
-    forces = readings[known, : motion.dimension]
-    aligned = AlignmentCurves.of(motion.of_forces, stamps[known], forces, offset, around)
+    forces = readings[overlapping, : motion.dimension]
+    aligned = AlignmentCurves.of(motion.of_forces, stamps[overlapping], forces, offset, around)
     near = offset + std * NEAR if np.isfinite(std) else np.zeros(0)
     chi_square = _chi_square(motion, *refined, near, weights)
     curves = OffsetCurves(offsets=scan, share=shares, near=near, chi_square=chi_square, **vars(aligned))
@@ -335,8 +335,8 @@ def _chi_square(motion: MotionRegressors, stamps: Array, wrench: Array, offsets:
     roots = np.sqrt(weights[every])
     fits = [_AlignedFit(motion, stamps[every] - float(offset), wrench[every], roots) for offset in offsets]
     sums = np.array([(fit.residual**2).sum(axis=0) for fit in fits])
-    found = (sums / np.maximum(sums.min(axis=0) / len(stamps), TINY)).sum(axis=1)
-    return np.asarray(found - found.min())
+    chi_squares = (sums / np.maximum(sums.min(axis=0) / len(stamps), TINY)).sum(axis=1)
+    return np.asarray(chi_squares - chi_squares.min())
 
 
 @dataclass(frozen=True, eq=False)

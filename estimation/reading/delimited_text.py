@@ -360,10 +360,10 @@ class _Columns:
         empty = 0
         for place, name in enumerate(self.names):
             column = self.arrays[place][: self.rows]
-            known = int(np.isfinite(column).sum())
-            if self.bad[place] > known:
+            finite = int(np.isfinite(column).sum())
+            if self.bad[place] > finite:
                 texts[name] = tuple(self.texts[place])[:TEXTS_KEPT]
-            elif known:
+            elif finite:
                 numbers[name] = column
                 if self.bad[place]:
                     shown = next(iter(self.texts[place]))

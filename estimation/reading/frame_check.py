@@ -131,7 +131,7 @@ def _motion(columns: Mapping[str, Array]) -> tuple[Array, Array]:
     uniform = {"time": time, **{name: columns[name].copy() for name in names}}
     table = ColumnTable(columns=uniform, where="samples", first_row=1)
     signals = recording_from_table(table, name="samples", rig=None).signals
-    omega, alpha = (np.stack([signals[part + axis] for axis in "xyz"], axis=1) for part in ("w", "al"))
+    omega, alpha = (np.stack([signals[prefix + axis] for axis in "xyz"], axis=1) for prefix in ("w", "al"))
     first, second = np.triu_indices(3)
     parts = [alpha, omega, omega[:, first] * omega[:, second]]
     if "vpx" in signals:

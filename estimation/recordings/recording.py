@@ -93,10 +93,12 @@ class Recording(Tabular):
         length = "poses at rest" if self.dt is None else f"samples at {1 / self.dt:.6g} Hz"
         runs = f"{self.repeats} x " if self.repeats > 1 else ""
         used = motion_columns(self.form, self.joints)
-        known = "motion " + " ".join(name for name in used if name in self.columns)
+        columns = "motion " + " ".join(name for name in used if name in self.columns)
         if self.auxiliary:
-            known += f"; auxiliary signals {' '.join(self.auxiliary)}"
-        return f"Recording {self.name!r}: {runs}{self.samples_per_repeat} {length}, {' '.join(self.channels)}; {known}"
+            columns += f"; auxiliary signals {' '.join(self.auxiliary)}"
+        return (
+            f"Recording {self.name!r}: {runs}{self.samples_per_repeat} {length}, {' '.join(self.channels)}; {columns}"
+        )
 
     def __str__(self) -> str:
         return repr(self)
@@ -119,10 +121,10 @@ class Recording(Tabular):
         """Time, repeat, wrench and every other column as a data frame, which `from_dataframe` takes."""
         import pandas as pd
 
-        found = {} if self.time is None else {"time": np.arange(self.samples) * (self.dt or 1.0)}
+        frame = {} if self.time is None else {"time": np.arange(self.samples) * (self.dt or 1.0)}
         if self.repeats > 1:
-            found["repeat"] = np.repeat(np.arange(self.repeats), self.samples_per_repeat)
-        return pd.DataFrame(found | dict(zip(self.channels, self.wrench.T, strict=True)) | dict(self.columns))
+            frame["repeat"] = np.repeat(np.arange(self.repeats), self.samples_per_repeat)
+        return pd.DataFrame(frame | dict(zip(self.channels, self.wrench.T, strict=True)) | dict(self.columns))
 
     def to_data(self) -> dict[str, Any]:
         """Name and columns as plain data; `from_dataframe` takes a data frame of the columns."""
@@ -249,13 +251,13 @@ def readings_digest(recording: Recording) -> str:
 
 def require_different_readings(recordings: Sequence[Recording], where: str) -> None:
     """InputError for readings that were given twice: their agreement with themselves would count as evidence."""
-    known: dict[str, str] = {}
+    names: dict[str, str] = {}
     for recording in recordings:
         digest = readings_digest(recording)
-        if digest in known:
-            what = f"{recording.name} has the same readings as {known[digest]}: one recording given twice"
+        if digest in names:
+            what = f"{recording.name} has the same readings as {names[digest]}: one recording given twice"
             raise InputError(what=what, where=where, remedy="give each recording once; validate with another motion")
-        known[digest] = recording.name
+        names[digest] = recording.name
 
 
 def require_channels(recording: Recording, model: WrenchModel) -> None:

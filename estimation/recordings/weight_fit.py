@@ -177,9 +177,13 @@ class PulledTool:
         columns = np.ones((len(force), 1)) if terms is None else np.hstack([np.ones((len(force), 1)), terms])
         left, sizes, _ = np.linalg.svd(columns[every] / _norms(columns[every]), full_matrices=False)
         basis = left[:, sizes > RANK_TOLERANCE * sizes[0]]
-        own = force[every] - basis @ (basis.T @ force[every])
+        orthogonal = force[every] - basis @ (basis.T @ force[every])
         return cls(
-            to_sensor=to_sensor[every], position=position[every], specific=specific[every], force=own, basis=basis
+            to_sensor=to_sensor[every],
+            position=position[every],
+            specific=specific[every],
+            force=orthogonal,
+            basis=basis,
         )
 
     def __add__(self, other: Self) -> Self:
@@ -209,11 +213,11 @@ class PulledTool:
         low = np.array([0.0, *(-ANCHOR,) * axes, 0.0, *(-REACH,) * axes])
         high = np.array([np.inf, *(ANCHOR,) * axes, 2 * ANCHOR, *(REACH,) * axes])
         starts = sorted(self._starts(), key=lambda start: float(np.sum(self._residual(start) ** 2)))[:STARTS]
-        found = [
+        candidates = [
             least_squares(self._residual, np.clip(start, low, high), bounds=(low, high), x_scale="jac", max_nfev=STEPS)
             for start in starts
         ]
-        best = min(found, key=lambda one: float(one.cost))
+        best = min(candidates, key=lambda one: float(one.cost))
         fit = self._weight(self._along(self._pull(best.x)))
         return replace(fit, squares=fit.squares * self.force.size ** (len(low) / self.force.size))
 
