@@ -30,8 +30,7 @@ from modeling.kinematics.arm import POSE_SIGNALS, PlanarArm
 from modeling.noise import NoiseSource, inverse_cholesky_factor
 from modeling.table import Column, Table, Tabular, Value
 
-# Propagation of signal errors to the predicted wrench: sensitivities and second-order bias.
-
+Array = NDArray[np.float64]
 
 JOINT_SIGNAL = r"d{0,2}q\d+"
 
@@ -202,8 +201,6 @@ def _rotated_quaternion(x: sp.Expr, y: sp.Expr, z: sp.Expr) -> dict[sp.Symbol, s
 
 # Corrected-score least squares (Nakamura): chi-square less the contribution of input noise.
 
-
-Array = NDArray[np.float64]
 
 HUTCHINSON_PROBES = 60
 """Random sign vectors per expectation. The error is due to correlation of samples by the weights alone: with n samples

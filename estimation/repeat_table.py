@@ -27,9 +27,6 @@ from modeling.significance import LEVELS
 from modeling.space import Space
 from modeling.table import Column, Table, Tabular, Value
 
-# Systematic and random part of repeated errors, from the variance of runs and of their average.
-
-
 Array = NDArray[np.float64]
 
 
@@ -121,9 +118,6 @@ class VarianceComponents:
     def gain(self) -> float:
         """V1 / VR, the variance reduction by averaging; infinite for VR = 0, 1 when all runs are identical."""
         return self.single / self.average if self.average > 0 else float("inf" if self.single > 0 else 1.0)
-
-
-# Error statistics of one series over the repeats, and the noise gain of averaging.
 
 
 FREQUENCY_OVERSAMPLING = 4

@@ -24,9 +24,6 @@ from modeling.noise import NoiseSource
 from modeling.significance import LEVELS
 from modeling.table import Column, Table, Tabular, Value
 
-# Outliers in coloured noise: samples that a robust loss separates by their prediction error from neighbours.
-
-
 Array = NDArray[np.float64]
 
 MAX_ITERATIONS = 200

@@ -16,9 +16,6 @@ from estimation.noise.transient_windows import Windows, cumulative_sums, inside,
 from modeling.noise import NoiseModel, block_means
 from modeling.significance import LEVELS
 
-# Variance of means of coloured noise, from an autoregression or from differences of successive means.
-
-
 Array = NDArray[np.float64]
 
 NORMAL_QUARTILE = float(normal_isf(0.375))

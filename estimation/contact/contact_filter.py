@@ -34,9 +34,6 @@ from modeling.rigid_body import contact_components
 from modeling.space import signals
 from modeling.table import Table, Tabular
 
-# Savitzky-Golay filter: value, rate and acceleration in the middle of a moving window (Savitzky and Golay, 1964).
-
-
 Array = NDArray[np.float64]
 
 DERIVATIVE_COUNT = 3

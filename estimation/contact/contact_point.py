@@ -12,9 +12,6 @@ from estimation.contact.contact_wrench import std_along
 from modeling.errors import InputError
 from modeling.table import Column, Table, Tabular
 
-# Known surfaces of a tool in the sensor frame: sphere, plane, capsule.
-
-
 Array = NDArray[np.float64]
 
 

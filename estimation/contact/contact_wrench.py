@@ -39,12 +39,6 @@ from modeling.significance import LEVELS
 from modeling.space import FORCE_UNIT, Space
 from modeling.table import Column, Table, Tabular
 
-# Planar contact wrench as one force at a known point of the tip, by 22.14 to 22.16 corrected.
-#
-# Equation numbers: chapter 22, "Characterization of the Dynamical Model of a Force Sensor for Robot Manipulators"
-# (Bassi et al.).
-
-
 Array = NDArray[np.float64]
 
 
@@ -113,12 +107,6 @@ class PointForce:
 def std_along(covariance: Array, direction: Array) -> Array:
     """Standard deviations (n,) along directions (n, d) of vectors with covariances (n, d, d)."""
     return np.asarray(np.sqrt(np.einsum("ni,nij,nj->n", direction, covariance, direction)))
-
-
-# Mean contact wrench over an interval, with covariance, and the test whether a force at the tip explains it.
-#
-# Equation numbers: chapter 22, "Characterization of the Dynamical Model of a Force Sensor for Robot Manipulators"
-# (Bassi et al.).
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,9 +199,6 @@ class ContactSeries:
             MeanDifferences.of(means, quiet).variance_of_means(constant)
         )
         return float(noise.covariance(min(blocks, len(means)))[0, 0])
-
-
-# Fitted model reduced to what compensation needs.
 
 
 SEGMENTS_PER_RUN = 50
@@ -476,15 +461,15 @@ class ContactWrench(Tabular):
 
     def _contradictions(self) -> list[str]:
         """One sentence about the contacts that a force at the tip does not explain, if there are any."""
-        unexplained = self.unexplained_by_tip_force
-        if not unexplained:
+        means = self.unexplained_by_tip_force
+        if not means:
             return []
         unit = "" if self.recording.at_rest else " s"
-        start = ", ".join(f"{self.time_of(m.interval.first):.3f}" for m in unexplained) + unit
-        p_value = plain_number(max(m.tip_p_value for m in unexplained), P_VALUE)
+        start = ", ".join(f"{self.time_of(m.interval.first):.3f}" for m in means) + unit
+        p_value = plain_number(max(m.tip_p_value for m in means), P_VALUE)
         p_value = f"p {p_value}" if p_value.startswith("<") else f"p = {p_value}"
         return [
-            f"A force at the tip does not explain the contact{'s' * (len(unexplained) > 1)} from {start} on ({p_value}):"
+            f"A force at the tip does not explain the contact{'s' * (len(means) > 1)} from {start} on ({p_value}):"
             " the contact is elsewhere or exerts a torque; read fcx, fcy and tauc, not the force at the tip."
         ]
 

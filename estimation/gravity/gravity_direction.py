@@ -28,9 +28,6 @@ from modeling.effects.geometry import GravityTilt
 from modeling.kinematics.placement import COMPONENTS, Direction, in_base_axes, unit_direction
 from modeling.rig import Convention
 
-# Gravity evidence: whether recordings show that their base does not stand upright, and where gravity points in it.
-
-
 Array = NDArray[np.float64]
 
 STEP, LONGEST = 0.01, 20_000

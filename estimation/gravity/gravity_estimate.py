@@ -17,9 +17,6 @@ from estimation.recordings.weight_fit import WeightFit
 from modeling.kinematics.placement import Direction
 from modeling.rig import Convention
 
-# Terms of the forces in the turning of a tool about its sensor, whatever its first moment.
-
-
 Array = NDArray[np.float64]
 
 
@@ -41,14 +38,6 @@ def without_terms(rows: Array, terms: Array) -> Array:
     """
     rows, basis = rows - rows.mean(axis=0), orthonormal_basis(terms - terms.mean(axis=0))
     return np.asarray(rows - basis @ (basis.T @ rows))
-
-
-# Moments of forces and motion, from which the tool's weight is fitted for any direction of gravity in base axes.
-#
-# A rigid tool's force turns with the sensor: f = B R' (a - g d) + b with R the orientation and a the acceleration in
-# base axes, g d gravity, B free (mass, mounting, signs) and b the zero. For given d it is linear in B and b; all that
-# its fit needs are the second moments of f, R' a and the columns of R', so that any number of directions costs one
-# pass.
 
 
 GRID = 240
@@ -73,6 +62,10 @@ class FreeFit:
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WeightMoments:
     """Second moments (k, k) of [R' a, columns of R', f] about their means; several recordings weigh alike.
+
+    From them the tool's weight is fitted for any direction of gravity in base axes, in one pass. A rigid tool's force
+    turns with the sensor: f = B R' (a - g d) + b with R the orientation and a the acceleration in base axes, g d
+    gravity, B free (mass, mounting, signs) and b the zero. For given d it is linear in B and b.
 
     gravity  m/s²; axes  d, 2 or 3; recordings  how many were added
     """

@@ -11,8 +11,6 @@ from typing import Self
 
 from modeling.errors import InputError, file_text, kind_of, quoted, suggestion, toml_data
 
-# Numbers by parameter name from TOML, and the check of parameter names.
-
 
 def read_parameter_file(path: str | Path) -> dict[str, object]:
     """The entries of a TOML file by name; `viscous_drag.c`, quoted or as a table, is one name.

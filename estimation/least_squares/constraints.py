@@ -21,8 +21,7 @@ from modeling.chain.pseudo_inertia import PseudoInertia, pseudo_inertia
 from modeling.errors import InputError, kind_of
 from modeling.parameter import Parameter
 
-# Conic programs solved by CVXPY and Clarabel at tight tolerance.
-
+Array = NDArray[np.float64]
 
 SOLVER_TOLERANCE = 1e-10
 """Gap and infeasibility at which Clarabel stops, of a program of unit size; Newton steps refine the result."""
@@ -47,9 +46,6 @@ def solve_conic(program: Any) -> bool:
 
 
 # Feasible region of the parameters: bounds and a pseudo-inertia that is positive by a margin.
-
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -30,9 +30,7 @@ if TYPE_CHECKING:
 
     from modeling.chain.model import WrenchModel
 
-
-# Attributes that fits of lmfit, SciPy, scikit-learn and statsmodels have, and what holds the same here.
-
+Array = NDArray[np.float64]
 
 FAMILIAR_NAMES = {
     "redchi": "reduced_chi_square",
@@ -57,7 +55,7 @@ FAMILIAR_NAMES = {
     "fit_report": "summary()",
     "success": "converged",
 }
-"""What holds it, by the other package's name."""
+"""What holds here an attribute of fits of lmfit, SciPy, scikit-learn or statsmodels, by its name there."""
 
 
 def unknown_attribute(kind: str, name: str) -> str:
@@ -65,8 +63,6 @@ def unknown_attribute(kind: str, name: str) -> str:
     missing = f"a {kind} has no attribute '{name}'"
     return f"{missing}; see {FAMILIAR_NAMES[name]}" if name in FAMILIAR_NAMES else missing
 
-
-Array = NDArray[np.float64]
 
 FIXED, HELD = "fixed", "held at its bound"
 """Printed for the std of a parameter that is not free, and of one that a bound holds."""
@@ -280,9 +276,6 @@ def correlation_matrix(covariance: Array, identifiable: NDArray[np.bool_]) -> Ar
 def estimates_data(estimates: Mapping[str, Estimate]) -> dict[str, Any]:
     """Parameter estimates by name as plain data."""
     return {name: {"value": e.value, "std": e.std, "unit": e.unit} for name, e in estimates.items()}
-
-
-# Refuses a significantly negative mass: the readings have the opposite sign convention.
 
 
 def require_positive_mass(mass: Estimate, stated: Convention, where: str) -> None:

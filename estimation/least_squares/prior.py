@@ -16,9 +16,6 @@ from estimation.least_squares.bounds import is_real_number, read_parameter_file,
 from modeling.chain.pseudo_inertia import PseudoInertia
 from modeling.errors import InputError
 
-# Log-det (Bregman) divergence of a tool's pseudo-inertia from a reference, as a prior.
-
-
 Array = NDArray[np.float64]
 
 

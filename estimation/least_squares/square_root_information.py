@@ -182,15 +182,9 @@ def _triangularised(stacked: Array, power: float, rows: int) -> SquareRootInform
     return SquareRootInformation(root[:size, :size], root[:size, size], power + float(root[size, size] ** 2), rows)
 
 
-# Linear least squares by scaled SVD, without the directions that are not identifiable.
-
-
 def least_squares_solution(information: SquareRootInformation, *, rounding: float, faint: float = 0.0) -> Array:
     """The minimiser (k,) of |R x - z| where R is more than rounding, with no component in its null space."""
     return np.asarray(ScaledSVD.of(information.root, rounding, faint).inverse @ information.target)
-
-
-# Column space of a whitened derivative: orthonormal basis and least-squares coefficients in it.
 
 
 def orthonormal_basis(derivative: Array) -> Array:

@@ -34,9 +34,6 @@ from estimation.recordings.repeat_motion import NO_REPEATS, largest_deviation
 from modeling.errors import InputError
 from modeling.noise import NoiseModel, NoiseSource, block_means, inverse_cholesky_factor
 
-# Noise spectra from the non-excited lines of a periodic recording, or from the differences between separate runs.
-
-
 Array = NDArray[np.float64]
 Lines = NDArray[np.complex128]
 

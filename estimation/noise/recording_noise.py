@@ -19,9 +19,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 
-# Noise of the predicted wrench that comes from the measured motion: errors in variables of a single run.
-
-
 Array = NDArray[np.float64]
 
 DRAWN_SAMPLES = 50_000

@@ -189,11 +189,6 @@ def without_sinusoids(residual: Array, recording: Recording, frequencies: Sequen
     return np.asarray(residual - waves @ np.linalg.lstsq(waves, residual, rcond=None)[0])
 
 
-# Orthonormal basis of recording-specific disturbances (drift, auxiliary signals, transient events, tones).
-#
-# Their part that is periodic with the motion is subtracted.
-
-
 DRIFT_DEGREE = BiasDrift().degree
 """Degree of the polynomials that count as drift, not noise: four half-waves over the record to 0.1 % of power."""
 

@@ -18,9 +18,6 @@ from scipy.fft import dct, idct
 
 from estimation.multiplicity import chi_square_p_value
 
-# Power of noise where a score comes from, as far as its spectrum is known: the p-value of a score in it.
-
-
 Array = NDArray[np.float64]
 
 BINS = 128

@@ -31,9 +31,6 @@ if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
 
-# Alignment curves: the wrench and what the motion explains of it, by the stamps as read and by the clock offset.
-
-
 MOST_ROWS = 5000
 """Rows from which the coefficients of the picture are taken."""
 SHIFTS, SHORTEST_SHOWN, LONGEST = 20.0, 0.6, 4.0

@@ -15,9 +15,6 @@ from estimation.reading.orientation_form import OrientationForm
 from modeling.errors import InputError, cut, quoted
 from modeling.rig import PLANAR_CHANNELS, SPATIAL_CHANNELS
 
-# Incomplete vector: columns that would be a wrench or an orientation, if none of them were missing.
-
-
 MOST_NAMES, SHOWN_PARTS = 8, 3
 """Columns that a message names, and parts of a vector; of more the first and the last."""
 LEAST_SHARE = 0.5

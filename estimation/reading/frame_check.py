@@ -32,18 +32,8 @@ from modeling.errors import InputError
 from modeling.kinematics.placement import COMPONENTS, Direction, motion_in_world
 from modeling.rig import SPATIAL_CHANNELS
 
-# Contact evidence: samples whose force is none of a weight that turns with the sensor.
-#
-# A rigid tool's force is linear in the specific force, the angular acceleration and the products of the angular
-# velocity, all in the sensor's axes, with a constant zero; a drag's in the velocities. With free coefficients (mass,
-# mounting, signs, centre of mass) it is fitted to the quieter half of the samples (least trimmed squares, by
-# concentration steps: Rousseeuw and van Driessen, "Computing LTS regression for large data sets", 2006), so that
-# contact in less than half of the time does not spoil it. Of normal residuals in three directions the quieter half has
-# 0.4076 of the variance, and not one in 10 million samples is beyond six std: what lies there comes and goes.
-
-
 OUTLYING = 6
-"""Usual deviations from which a sample is none of a weight and noise."""
+"""Usual deviations from which a sample is none of a weight and noise: not one in 10 million normal ones is beyond."""
 LEAST_SHARE = 0.05
 """Of the samples, from which it is worth saying."""
 STRAIGHT = 1.5
@@ -73,7 +63,14 @@ class Deviations:
 
 
 def deviations(columns: Mapping[str, Array]) -> Deviations | None:
-    """The deviations in a recording's columns (n,); None of too few samples."""
+    """The deviations in a recording's columns (n,); None of too few samples.
+
+    A rigid tool's force is linear in the specific force, the angular acceleration and the products of the angular
+    velocity, all in the sensor's axes, with a constant zero; a drag's in the velocities. With free coefficients (mass,
+    mounting, signs, centre of mass) it is fitted to the quieter half of the samples (least trimmed squares, by
+    concentration steps: Rousseeuw and van Driessen, "Computing LTS regression for large data sets", 2006), so that
+    contact in less than half of the time does not spoil it.
+    """
     rows = sampled_rows(columns)
     force = np.stack([columns[name][rows] for name in ("fx", "fy", "fz")], axis=1)
     if len(force) < FEWEST:

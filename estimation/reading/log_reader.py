@@ -21,9 +21,6 @@ from numpy.typing import NDArray
 
 from modeling.errors import InputError, TruewrenchError
 
-# Log table: named numeric columns of one source, as found there.
-
-
 Array: TypeAlias = NDArray[np.float64]
 ROS_TOPIC, TF_CHAIN = "ROS topic", "tf chain"
 """Kinds of the tables of a ROS bag."""
@@ -63,9 +60,6 @@ def unique_names(names: Sequence[str]) -> list[str]:
         seen[base] = seen.get(base, 0) + 1
         unique.append(base if seen[base] == 1 else f"{base}.{seen[base]}")
     return unique
-
-
-# Source file: a file of a robot's log, decompressed, with its first bytes to recognise it by.
 
 
 HEAD_BYTES = 1 << 20

@@ -20,9 +20,6 @@ from estimation.recordings.repeat_motion import NO_REPEATS, largest_deviation
 from modeling.errors import InputError
 from modeling.rig import Rig
 
-# Channel faults: a channel that clips at its range, or that stops for a while; told from coarse resolution.
-
-
 CLIPPED_SHARE = 0.01
 NEIGHBOURS = 10
 CLIPPED_RATIO = 10.0
@@ -57,9 +54,6 @@ def longest_stop(column: Array) -> tuple[int, int] | None:
     if len(lengths) < 3 or lengths[longest] < least:
         return None
     return int(starts[longest]), int(lengths[longest])
-
-
-# Channels that stand still, clip, or have a dead band.
 
 
 ZERO_SHARE = 0.01

@@ -21,8 +21,6 @@ from estimation.reading.log_reader import (
 )
 from estimation.reading.sample_mending import interpolated_position, interpolated_quaternion
 
-# Transform tree: the pose of a frame in the root of a bag's tf, from fixed and moving transforms.
-
 LATE = 1e-3
 """Seconds by which messages are received after their stamps, from which it is said: a wrench is delayed by as much."""
 NUMBERS_OF_MESSAGE = 10

@@ -23,9 +23,6 @@ from estimation.recordings.reading import (
 from estimation.recordings.reading_report import ClockReading, Span, merged, spans
 from modeling.errors import InputError
 
-# Length of repeats, and whether lengths differ as little as those of one motion.
-
-
 SLIGHT_DIFFERENCE, SLIGHT_SAMPLES = 0.02, 3
 """Share of a repeat, and samples, by which repeats may differ in length and be of one motion still."""
 

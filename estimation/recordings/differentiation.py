@@ -20,9 +20,6 @@ from numpy.typing import NDArray
 from estimation.recordings.smoothing_spline import BasisRows, SmoothingSpline
 from modeling.significance import LEVELS
 
-# A sampled series with its first two derivatives in time.
-
-
 Array = NDArray[np.float64]
 
 
@@ -51,9 +48,6 @@ class Derivatives:
         parts = (np.concatenate(np.hsplit(series, count)) for series in (self.value, self.first, self.second))
         value, first, second = parts
         return Derivatives(value=value, first=first, second=second, score=self.score[: value.shape[1]])
-
-
-# Derivatives of the series that were smoothed last: what is read, checked, mounted and fitted is smoothed once.
 
 
 KEPT_BYTES = 64_000_000

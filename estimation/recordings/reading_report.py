@@ -13,9 +13,6 @@ from numpy.typing import NDArray
 
 from modeling.table import Column, Table, Tabular
 
-# Decimation for pictures: the smallest and the largest sample of each interval, so that no peak is lost.
-
-
 Array: TypeAlias = NDArray[np.float64]
 
 PIXEL_COLUMNS = 360

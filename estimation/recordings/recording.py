@@ -241,9 +241,6 @@ class Recording(Tabular):
         return replace(self, wrench=np.tile(self.wrench, (count, 1)), motion=motion)
 
 
-# SHA-256 of a recording's readings, by which a file knows the recordings that it was made of.
-
-
 def readings_digest(recording: Recording) -> str:
     """SHA-256 of a recording's readings, by which a calibration or a model file recognises its own."""
     return sha256(np.ascontiguousarray(recording.wrench, dtype="<f8").tobytes()).hexdigest()

@@ -34,9 +34,6 @@ from estimation.recordings.differentiation import line_noise_floor, spline_deriv
 from estimation.recordings.motion_period import motion_components
 from modeling.significance import LEVELS
 
-# Whether the readings of repeats contain what differences of their motion add to them.
-
-
 Array = NDArray[np.float64]
 Spectrum = NDArray[np.complex128]
 

@@ -26,17 +26,14 @@ from scipy.linalg import cho_solve_banded, solve_banded
 from scipy.linalg.blas import dsbmv
 from scipy.linalg.lapack import dpbtrf, dpbtrs, dtbtrs
 
-# Sum of B-splines on given knots, and its derivatives.
-#
-# `scipy.interpolate` has it too, but its import takes a sixth of a `diagnose` in the plane (28 November 2026).
-
-
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class BSpline:
     """sum_j c_j B_j(x) with B-splines of one degree.
+
+    `scipy.interpolate` has it too, but its import takes a sixth of a `diagnose` in the plane (28 November 2026).
 
     knots         (m + degree + 1,), ascending; the spline reaches from the first to the last, which may repeat
     coefficients  (m, k), of k series

@@ -26,6 +26,8 @@ from numpy.typing import NDArray
 from estimation.multiplicity import student_isf
 from modeling.significance import LEVELS
 
+Array = NDArray[np.float64]
+
 BLOCKS = 10
 """Of a run of some periods: as long as the motion's correlation, and enough of them for a variance."""
 LEAST_EXPLAINED = 0.6
@@ -122,20 +124,6 @@ def _positive(square: float) -> float:
     return max(float(square), SMALLEST_SQUARE)
 
 
-# Pull fit: the weight of a rigid tool whose mounting is unknown, with a cable that pulls the tool beside it.
-#
-# A cable to a place in the cell pulls nearly one way in base axes, as gravity does: beside one, a level base looks as
-# if it were not, and an aligned sensor as if it were turned. The inertia of the tool and the change of the pull along
-# the path tell them apart. With u from the point of the tool where the cable is fastened to its anchor, the force is
-#
-# f = m Q (R' (a - g d) - s max(0, |u| - length) u / |u|) + b
-#
-# in which s is the stiffness per mass; for a given cable, m and Q follow in closed form (`weight_fit.py`). It is a
-# rival of other readings: whether there is a cable, with its torque, is for the effect `cable_spring` to tell.
-
-
-Array = NDArray[np.float64]
-
 ROWS = 300
 """Of a recording that are fitted: the pull of a cable changes no faster than the pose."""
 ANCHOR, REACH = 5.0, 0.5
@@ -154,6 +142,15 @@ good by another cable, nearly to the noise; a base that stands otherwise is made
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PulledTool:
     """Rows of recordings to which the weight of a tool is fitted, with a cable or without.
+
+    A cable to a place in the cell pulls nearly one way in base axes, as gravity does: beside one, a level base looks as
+    if it were not, and an aligned sensor as if it were turned. The inertia of the tool and the change of the pull along
+    the path separate them. With u from the point of the tool where the cable is fastened to its anchor, the force is
+
+        f = m Q (R' (a - g d) - s max(0, |u| - length) u / |u|) + b
+
+    in which s is the stiffness per mass; for a given cable, m and Q follow in closed form (`weight_fit`). It is a rival
+    of other readings: whether there is a cable, with its torque, is for the effect `cable_spring` to say.
 
     to_sensor  (n, d, d) R'
     position   (n, d) of the sensor in base axes, m

@@ -19,9 +19,6 @@ from modeling.chain.regressor import RegressorBasis, regressor_basis
 from modeling.errors import InputError
 from modeling.noise import NoiseModel
 
-# Regressor of a linear model over many samples, and its square-root information under white noise.
-
-
 Array = NDArray[np.float64]
 
 
