@@ -36,6 +36,7 @@ MOST_ROWS = 5000
 SHIFTS, SHORTEST_SHOWN, LONGEST = 20.0, 0.6, 4.0
 """Length of the part that is shown: in offsets, so that a shift can be seen, and its limits in s."""
 POINTS = 600
+"""Of a curve in the picture, about: a panel has fewer pixels across."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -88,22 +89,29 @@ LARGEST_OFFSET = 2.0
 SHORTEST = 2.0
 """Seconds of overlap, inside the range that is searched, below which as many coefficients fit anything."""
 SCAN_STEP = 0.02
+"""Seconds between offsets that are tried, and the longest step of the refinement from the best of them."""
 SCAN_ROWS = 2500
+"""Rows to which the wrench is averaged for the scan, at least: its 200 fits are quick then."""
 REFINE_ROWS = 20_000
+"""First rows in common that the refinement fits: a longer record would take more memory and time."""
 BLOCKS = 20
+"""Contiguous parts of the record whose scores give the variance of the estimate: long against the residual's memory."""
 ITERATIONS = 25
+"""Of the refinement, at most: the weights of the rows change with it, so that it converges linearly."""
 WEIGHT_WINDOW = 0.2
 """Seconds over which a row's residual is averaged for its weight."""
 USUAL_VARIANCE = 3.0
 """Times the median variance of the residual, up to which a row has its full weight."""
 LEAST_CORRELATION = 0.3
+"""Share of the wrench that the motion explains, below which most of it is something else, as may be the minimum."""
 LARGEST_STD = 0.02
 """Seconds; an offset that is known no better is not applied."""
 NEAR = np.linspace(-5, 5, 13)
 """Offsets about the estimate, in its std, of which the picture shows chi-square."""
 NEAR_ROWS = 2000
+"""Of which the picture shows chi-square, at least; it is of some rows only, as each offset takes a fit."""
 QUARTER_TURN_TOLERANCE = 0.35
-"""Radians."""
+"""Radians, 20 degrees, within which an axis is a whole quarter turn: less than half of the way to 45 degrees."""
 TINY = 1e-12
 """In place of a divisor of zero, of quantities of the size of 1."""
 SEARCHED_SHARE = 0.25

@@ -55,6 +55,7 @@ SPARE_ROWS, FEWEST_ROWS = 1.05, 100
 TEXT_LENGTH, SHOWN_LENGTH, SHOWN_NAMES = 60, 20, 4
 """Characters of a text that are kept and shown, and names that a message repeats."""
 TEXTS_KEPT = 5
+"""Different texts of a column that are kept: enough for a message, and to see a frame that is always the same."""
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf|infinity)", re.IGNORECASE)
 DECIMAL_COMMA = re.compile(r"[-+]?(\d+,?\d*|,\d+)([eE][-+]?\d+)?|[-+]?(nan|inf|infinity)", re.IGNORECASE)
 MISSING = ("", "-", "--", "n/a", "na", "null", "none", "#n/a")

@@ -39,6 +39,7 @@ LEAST_SHARE = 0.05
 STRAIGHT = 1.5
 """Ratio of residuals up to which the force is that of a weight, and the sensor's axes are those of the pose."""
 FEWEST = 200
+"""Samples: ten times the 19 coefficients that are fitted to them."""
 STEPS, PARTS, FEW_ROWS = 30, 10, 2000
 """Concentration steps, parts of the record for their starts, and rows from which the best start is chosen."""
 QUIET_HALF = 0.4076

@@ -187,6 +187,7 @@ class SourceFile:
 MAX_CELLS = 250_000_000
 """Numbers that a source may hold: two GB in memory."""
 MAX_COLUMNS = 20_000
+"""More than any robot writes: such a table is an image or a matrix."""
 MOST_BAGS = 6
 """Bags below a folder that are named."""
 REASON_LENGTH = 160

@@ -19,7 +19,9 @@ from modeling.errors import InputError, quoted
 POSITION = ("px", "py", "pz")
 PLANAR_FORM = OrientationForm("planar")
 UNIT_NORM = 1e-3
+"""Of the square of a quaternion's norm, by which it may differ from 1: the rounding of four decimals and more."""
 LARGEST_NUMBER = 1e9
+"""Beyond any force, angle and position in a log's units: overflow marks and damaged bytes are larger."""
 LARGEST_LEVER = 20.0
 """Metres: no arm reaches further, so that larger positions are in millimetres."""
 LARGEST_JOINT = 2.5 * 2 * pi
