@@ -214,10 +214,10 @@ def bootstrap(
     >>> import truewrench as tw
     >>> rig = tw.Rig.read("rig.toml")
     >>> fit = tw.fit(tw.planar(rig) + tw.effects.named("viscous_drag"), tw.read("train.csv", rig=rig))
-    >>> found = tw.bootstrap(fit, draws=500)
-    >>> found.draws.shape, found.freedom.round(6).tolist()[0]
+    >>> bootstrap = tw.bootstrap(fit, draws=500)
+    >>> bootstrap.draws.shape, bootstrap.freedom.round(6).tolist()[0]
     ((500, 8), 7.0)
-    >>> {agreement.name for agreement in found.agreement}
+    >>> {agreement.name for agreement in bootstrap.agreement}
     {'AGREES'}
     """
     for recording in fit.recordings:

@@ -114,9 +114,9 @@ def intervals(fit: Solution, *, level: float = LEVELS.confidence, pull: Array | 
     >>> import truewrench as tw
     >>> rig = tw.Rig.read("rig.toml")
     >>> model = tw.planar(rig) + tw.effects.named("viscous_drag")
-    >>> found = tw.intervals(tw.fit(model, tw.read("train.csv", rig=rig)), level=0.99)
+    >>> ends = tw.intervals(tw.fit(model, tw.read("train.csv", rig=rig)), level=0.99)
     >>> row = [p.name for p in model.parameters].index("m")
-    >>> print(f"{found.low[row]:.4f} to {found.high[row]:.4f} kg")
+    >>> print(f"{ends.low[row]:.4f} to {ends.high[row]:.4f} kg")
     0.8997 to 0.9005 kg
     """
     residual, derivative = fit.problem.evaluate(fit.theta)

@@ -509,8 +509,8 @@ def errors_in_variables_fit(
     >>> import truewrench as tw
     >>> rig = tw.Rig.read("rig.toml")
     >>> noise = tw.InputNoise.stated({"ddphi": 2.0})
-    >>> found = tw.errors_in_variables_fit(tw.planar(rig), tw.read("train.csv", rig=rig), input_noise=noise)
-    >>> found.bias["I"] < 0 < found.reliability < 1  # noise attenuates the inertia
+    >>> corrected = tw.errors_in_variables_fit(tw.planar(rig), tw.read("train.csv", rig=rig), input_noise=noise)
+    >>> corrected.bias["I"] < 0 < corrected.reliability < 1  # noise attenuates the inertia
     True
     """
     first = fit(model, recordings, noise=noise, start=start)

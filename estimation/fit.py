@@ -324,8 +324,8 @@ def fit(
     >>> import truewrench as tw
     >>> rig = tw.Rig.read("rig.toml")
     >>> recording = tw.read("train.csv", rig=rig)
-    >>> found = tw.fit(tw.planar(rig) + tw.effects.named("viscous_drag"), recording)
-    >>> print(f"m = {found.values['m']:.2f} kg, c = {found.values['viscous_drag.c']:.2f} N s/m")
+    >>> fit = tw.fit(tw.planar(rig) + tw.effects.named("viscous_drag"), recording)
+    >>> print(f"m = {fit.values['m']:.2f} kg, c = {fit.values['viscous_drag.c']:.2f} N s/m")
     m = 0.90 kg, c = 0.15 N s/m
     >>> white = tw.NoiseModel.white([0.15, 0.25, 0.012])
     >>> type(tw.fit(tw.planar(rig), tw.chunks(recording, 1000), noise=white)).__name__

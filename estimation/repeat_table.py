@@ -277,8 +277,8 @@ class RepeatTable(Tabular):
     >>> import truewrench as tw
     >>> rig = tw.Rig.read("rig.toml")
     >>> fit = tw.fit(tw.planar(rig) + tw.effects.named("viscous_drag"), tw.read("train.csv", rig=rig))
-    >>> found = tw.RepeatTable.of(fit)
-    >>> [(row.name, len(row.means), f"{row.averaging.noise:.2f} {row.unit}") for row in found.readings]
+    >>> table = tw.RepeatTable.of(fit)
+    >>> [(row.name, len(row.means), f"{row.averaging.noise:.2f} {row.unit}") for row in table.readings]
     [('fx', 8, '0.15 N'), ('fy', 8, '0.25 N'), ('tau', 8, '0.01 N m')]
     """
 

@@ -323,8 +323,8 @@ def robust_fit(
     >>> import truewrench as tw
     >>> rig = tw.Rig.read("rig.toml")
     >>> model = tw.planar(rig) + tw.effects.named("viscous_drag")
-    >>> found = tw.robust_fit(model, tw.read("train.csv", rig=rig))
-    >>> found.converged, round(found.values["m"], 2), round(found.plain.values["m"], 2)
+    >>> robust = tw.robust_fit(model, tw.read("train.csv", rig=rig))
+    >>> robust.converged, round(robust.values["m"], 2), round(robust.plain.values["m"], 2)
     (True, 0.9, 0.9)
     """
     several = (recordings,) if isinstance(recordings, Recording) else tuple(recordings)

@@ -231,10 +231,10 @@ def detect_contacts(
     means = blocks.means
     search = ContactSearch(means, remainder**2, false_alarms)
     states = [search.converged(start) for start in search.starts(floor**2 / blocks.size)]
-    noise, quiet, intervals = max(states, key=lambda s: (bool(s.found), s.quiet.sum()))
+    noise, quiet, intervals = max(states, key=lambda s: (bool(s.intervals), s.quiet.sum()))
     guarded = blocks.samples(binary_erosion(quiet, iterations=GUARD_BLOCKS, border_value=1))
     if zero is not None:  # contact-free about its own mean need not be free about the given zero
-        intervals = search.state(quiet, zero).found
+        intervals = search.state(quiet, zero).intervals
         quiet = _outside(intervals, np.zeros(len(means), dtype=bool))
     free = guarded if zero is None else blocks.samples(quiet)
     return ContactDetection(
@@ -258,11 +258,11 @@ def _in_samples(interval: ContactInterval, blocks: BlockMeans, count: int) -> Co
 
 
 class DetectionState(NamedTuple):
-    """The noise about a zero, the quiet blocks (b,) that both are estimated from, and the intervals found."""
+    """The noise about a zero, the quiet blocks (b,) that both are estimated from, and the intervals of contact."""
 
     noise: VarianceOfMeans
     quiet: SampleMask
-    found: tuple[ContactInterval, ...]
+    intervals: tuple[ContactInterval, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -323,7 +323,7 @@ class ContactSearch:
         """The fixed point: the state whose quiet blocks are those outside its intervals."""
         state = self.state(quiet)
         for _ in range(DETECTION_ROUNDS):
-            remaining = _outside(state.found, state.quiet)
+            remaining = _outside(state.intervals, state.quiet)
             if (remaining == state.quiet).all():
                 break
             state = self.state(remaining)

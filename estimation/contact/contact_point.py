@@ -324,8 +324,8 @@ def contact_point(wrench: Array, covariance: Array, surface: Surface) -> Contact
     >>> import truewrench as tw
     >>> covariance = [[1e-4 * (i == j) for j in range(6)] for i in range(6)]
     >>> finger = tw.Capsule(start=(0, 0, 0), end=(0, 0, 0.2), radius=0.01)
-    >>> found = tw.contact_point([[0, -5, 0, 0.5, 0, 0]], covariance, finger)  # from +y, 0.1 m along the finger
-    >>> [round(float(x), 3) + 0 for x in found.point[0]]
+    >>> contact = tw.contact_point([[0, -5, 0, 0.5, 0, 0]], covariance, finger)  # from +y, 0.1 m along the finger
+    >>> [round(float(x), 3) + 0 for x in contact.point[0]]
     [0.0, 0.01, 0.1]
     """
     wrench = np.asarray(wrench, dtype=float)

@@ -254,7 +254,7 @@ class CalibratedModel:
 
     @property
     def known(self) -> NDArray[np.bool_]:
-        """Which parameters (k,) were identifiable."""
+        """Which parameters (k,) were identifiable, or fixed."""
         return np.isfinite(np.diag(self.covariance))
 
 

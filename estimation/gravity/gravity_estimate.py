@@ -106,21 +106,13 @@ class WeightMoments:
 
     def fit(self, direction: Direction | Array) -> FreeFit:
         """The fit with gravity along a unit vector in base axes."""
-        normal, mixed = self._normal_equations(np.asarray(direction, dtype=np.float64))
-        solution = np.linalg.lstsq(normal, mixed, rcond=1e-10)[0]
-        residual = self.force**2 - float(np.sum(solution * mixed)) / (self.axes * self.recordings)
-        return FreeFit(matrix=np.asarray(solution.T, dtype=np.float64), rms=float(np.sqrt(max(residual, 0.0))))
-
-    def flatness(self, direction: Direction | Array) -> float:
-        """Smallest singular value, in g, of R' (a - g d): gravity takes all directions in the sensor where it is 1."""
-        normal, _ = self._normal_equations(np.asarray(direction, dtype=np.float64))
-        return float(np.sqrt(max(np.linalg.eigvalsh(normal / self.recordings)[0], 0.0)) / self.gravity)
-
-    def _normal_equations(self, direction: Array) -> tuple[Array, Array]:
         eye = np.eye(self.axes)
         regressor = np.vstack([eye, *(-self.gravity * component * eye for component in direction)])
         inputs = self.gram[: -self.axes, : -self.axes]
-        return regressor.T @ inputs @ regressor, regressor.T @ self.gram[: -self.axes, -self.axes :]
+        mixed = regressor.T @ self.gram[: -self.axes, -self.axes :]
+        solution = np.linalg.lstsq(regressor.T @ inputs @ regressor, mixed, rcond=1e-10)[0]
+        residual = self.force**2 - float(np.sum(solution * mixed)) / (self.axes * self.recordings)
+        return FreeFit(matrix=np.asarray(solution.T, dtype=np.float64), rms=float(np.sqrt(max(residual, 0.0))))
 
     @cached_property
     def best_direction(self) -> Array:

@@ -78,10 +78,10 @@ class Bounds:
     >>> import truewrench as tw
     >>> rig = tw.Rig.read("rig.toml")
     >>> bounds = tw.Bounds({"m": (0.0, 0.9), "I": (0.0, float("inf"))})
-    >>> found = tw.fit(
+    >>> fit = tw.fit(
     ...     tw.planar(rig), tw.read("train.csv", rig=rig), constraints=tw.Constraints(bounds=bounds)
     ... )
-    >>> round(found.values["m"], 6)
+    >>> round(fit.values["m"], 6)
     0.9
     """
 

@@ -249,8 +249,8 @@ class Constraints:
     >>> rig = tw.Rig.read("rig.toml")
     >>> model = tw.planar(rig) + tw.effects.named("viscous_drag")
     >>> stated = tw.Constraints(bounds={"m": 0.89}, physical=True)
-    >>> found = tw.fit(model, tw.read("train.csv", rig=rig), constraints=stated)
-    >>> round(found.values["m"], 6), found.values["I"] > 0
+    >>> fit = tw.fit(model, tw.read("train.csv", rig=rig), constraints=stated)
+    >>> round(fit.values["m"], 6), fit.values["I"] > 0
     (0.89, True)
     """
 

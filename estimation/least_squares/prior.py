@@ -93,8 +93,8 @@ class Prior:
     >>> rig = tw.Rig.read("rig.toml")
     >>> model = tw.planar(rig) + tw.effects.named("viscous_drag")
     >>> prior = tw.Prior({"m": 0.9, "mlg": 0.063, "I": 0.0129}, weight=200)
-    >>> found = tw.fit(model, tw.read("train.csv", rig=rig), constraints=tw.Constraints(prior=prior))
-    >>> round(found.values["I"], 4)
+    >>> fit = tw.fit(model, tw.read("train.csv", rig=rig), constraints=tw.Constraints(prior=prior))
+    >>> round(fit.values["I"], 4)
     0.0129
     """
 

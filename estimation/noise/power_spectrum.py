@@ -117,13 +117,6 @@ def bases(spectra: Sequence[PowerSpectrum], frequency: Array) -> list[Array]:
     return [values[s.nyquist, s.knots.tobytes()] for s in spectra]
 
 
-def smooth_power_spectrum(
-    frequency: Array, ordinates: Array, *, shape: float = 1.0, start: float | None = None
-) -> PowerSpectrum:
-    """`smooth_power_spectra` of one series, ordinates (m,)."""
-    return smooth_power_spectra(frequency, ordinates[:, None], shape=shape, start=start)[0]
-
-
 def smooth_power_spectra(
     frequency: Array,
     ordinates: Array,

@@ -32,7 +32,7 @@ motion may pause."""
 FILLED_SHARE = 0.5
 """Of an auxiliary column's cells; emptier ones are not kept."""
 MOST_AUXILIARY = 40
-"""Further columns that a recording keeps; of a log with more, as of a robot's whole state, only those that are named."""
+"""Further columns that a recording keeps; of a log with more, as of a robot's whole state, only those with a name."""
 RESERVED = {
     *PLANAR_CHANNELS,
     *SPATIAL_CHANNELS,

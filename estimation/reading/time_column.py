@@ -54,15 +54,15 @@ class TableTimes:
 
     def __init__(self, stated: ColumnMap, log: StepLog) -> None:
         self.stated, self.log = stated, log
-        self.known: dict[int, TimeColumn | None] = {}
+        self.times: dict[int, TimeColumn | None] = {}
 
     def of(self, table: LogTable) -> TimeColumn | None:
         """The time of a table; None without one. Raises InputError when its unit is in doubt."""
-        if id(table) not in self.known:
-            self.known[id(table)] = self._found(table)
-        return self.known[id(table)]
+        if id(table) not in self.times:
+            self.times[id(table)] = self._time(table)
+        return self.times[id(table)]
 
-    def _found(self, table: LogTable) -> TimeColumn | None:
+    def _time(self, table: LogTable) -> TimeColumn | None:
         stated = self.stated.columns.get("time")
         stated = stated if stated in table.columns else None
         franka = any("o_t_ee" in name.lower() or "_ext_hat_" in name.lower() for name in table.columns)
