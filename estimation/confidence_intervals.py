@@ -203,9 +203,7 @@ def _spectral_contribution(
 
     def log_variance(total: Array) -> Array:
         parts = zip(spectra, squares, strict=True)  # the channels are independent
-        return np.asarray(
-            sum(curve.mean_log_variance(curve.basis(frequency), weighted / total) for curve, weighted in parts)
-        )
+        return np.asarray(sum(curve.mean_log_variance(curve.basis(frequency), line / total) for curve, line in parts))
 
     return VarianceContribution(np.sum([weighted.sum(axis=0) for weighted in squares], axis=0), log_variance)
 

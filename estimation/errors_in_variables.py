@@ -396,20 +396,18 @@ def effective_noise(noise: RecordingNoise, recording: Recording, added: Array) -
     Weights constant in time lose almost no efficiency against (S + f_u Σ f_u')^-1 sample by sample, and cannot be
     correlated with the noise of a sample. Noise estimated from a residual already includes the input noise.
     """
-    before = noise.whitener
+    old = noise.whitener
     if noise.source is NoiseSource.RESIDUAL:
         return noise
-    if isinstance(before, AutoregressiveWhitener):
-        whitener: Whitener = replace(before, noise=replace(before.noise, covariance=before.noise.covariance + added))
+    if isinstance(old, AutoregressiveWhitener):
+        whitener: Whitener = replace(old, noise=replace(old.noise, covariance=old.noise.covariance + added))
     else:
-        assert isinstance(before, FourierLineWhitener)
-        excited, non_excited = np.split(before.root, [len(before.excited_lines)])
+        assert isinstance(old, FourierLineWhitener)
+        excited, non_excited = np.split(old.root, [len(old.excited_lines)])
         colouring = np.linalg.inv(excited)
         covariance = (colouring @ colouring.conj().swapaxes(-1, -2) + added).astype(np.complex128)
         root = np.concatenate([inverse_cholesky_factor(covariance), non_excited])
-        plain = FourierLineWhitener(
-            before.samples, before.repeats, before.excited_lines, before.non_excited_lines, root
-        )
+        plain = FourierLineWhitener(old.samples, old.repeats, old.excited_lines, old.non_excited_lines, root)
         whitener = without_leakage(plain, noise.spectra, sample_step(recording))
     return replace(noise, floor=np.sqrt(noise.floor**2 + np.diag(added)), whitener=whitener)
 

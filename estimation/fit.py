@@ -525,9 +525,8 @@ def residual_with_tones(fit: Fit, number: int) -> Array:
     model = fit.layout.models[number]
     index = fit.layout.index[number]
     values = {p.name: fit.theta[i] for p, i in zip(model.parameters, index, strict=True)}
-    without_tones = replace(
-        model, effects=tuple(e for e in model.effects if not e.has_role(Role.FREQUENCY, model.space))
-    )
+    effects = tuple(e for e in model.effects if not e.has_role(Role.FREQUENCY, model.space))
+    without_tones = replace(model, effects=effects)
     theta = np.array([values[p.name] for p in without_tones.parameters])
     return np.asarray(fit.recordings[number].wrench - predicted_readings(without_tones, fit.recordings[number], theta))
 

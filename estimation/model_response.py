@@ -88,11 +88,9 @@ def model_response(
     """
     mean = motion_response(model, recording.motion, theta, derivative=derivative, tolerance=tolerance)
     own_motion = recording.own_motion
-    return (
-        mean
-        if own_motion is None
-        else replace(mean, own_motion=_added(model, recording.motion, own_motion, theta, mean))
-    )
+    if own_motion is None:
+        return mean
+    return replace(mean, own_motion=_added(model, recording.motion, own_motion, theta, mean))
 
 
 def motion_response(

@@ -378,13 +378,8 @@ def _influence(fitted: Fit, outliers: Sequence[Outliers]) -> Array:
     scale = np.linalg.norm(derivative, axis=0)
     scale[scale == 0] = 1.0
     unit, inverse = derivative / scale, fitted.covariance * np.outer(scale, scale)
-    cleaned = (
-        np.concatenate([_cleaned_sensitivity(fitted, number, separated) for number, separated in enumerate(outliers)])
-        / scale
-    )
-    std = np.concatenate(
-        [_cleaned_noise_std(noise, separated) for noise, separated in zip(fitted.noise, outliers, strict=True)]
-    )
+    cleaned = np.concatenate([_cleaned_sensitivity(fitted, number, o) for number, o in enumerate(outliers)]) / scale
+    std = np.concatenate([_cleaned_noise_std(noise, o) for noise, o in zip(fitted.noise, outliers, strict=True)])
     return np.asarray(std * unit @ (np.linalg.pinv(inverse @ unit.T @ cleaned) @ inverse).T / scale)
 
 

@@ -572,11 +572,9 @@ def compensate(
         tangent = tangent - tangent[detection.free].mean(axis=0)
     # From reading = value(theta) + gain(theta) contact: d contact = -gain^-1 (d value + d gain contact).
     tangent = -np.einsum("ij,njk->nik", inverse, tangent + np.einsum("ijk,nj->nik", slopes, wrench))
-    unidentifiable = np.abs(tangent[:, :, ~calibration.known]).max(axis=(0, 1), initial=0.0)
-    tangent, covariance = (
-        tangent[:, :, calibration.known],
-        calibration.covariance[np.ix_(calibration.known, calibration.known)],
-    )
+    is_known = calibration.known
+    unidentifiable = np.abs(tangent[:, :, ~is_known]).max(axis=(0, 1), initial=0.0)
+    tangent, covariance = tangent[:, :, is_known], calibration.covariance[np.ix_(is_known, is_known)]
     systematic = np.einsum("nik,kl,njl->nij", tangent, covariance, tangent, optimize=True)
     return ContactWrench(
         recording=recording,

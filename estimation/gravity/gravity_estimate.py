@@ -107,7 +107,7 @@ class WeightMoments:
     def fit(self, direction: Direction | Array) -> FreeFit:
         """The fit with gravity along a unit vector in base axes."""
         eye = np.eye(self.axes)
-        regressor = np.vstack([eye, *(-self.gravity * component * eye for component in direction)])
+        regressor = np.vstack([eye, *(-self.gravity * c * eye for c in direction)])
         inputs = self.gram[: -self.axes, : -self.axes]
         mixed = regressor.T @ self.gram[: -self.axes, -self.axes :]
         solution = np.linalg.lstsq(regressor.T @ inputs @ regressor, mixed, rcond=1e-10)[0]
@@ -142,9 +142,7 @@ class WeightMoments:
     def _squares(self, directions: Array) -> Array:
         """Sums of squares (m,) of the residuals with gravity along unit vectors (m, d), up to what all share."""
         eye = np.eye(self.axes)
-        regressors = np.stack(
-            [np.vstack([eye, *(-self.gravity * component * eye for component in d)]) for d in directions]
-        )
+        regressors = np.stack([np.vstack([eye, *(-self.gravity * c * eye for c in d)]) for d in directions])
         turned, inputs = regressors.transpose(0, 2, 1), self.gram[: -self.axes, : -self.axes]
         mixed = turned @ self.gram[: -self.axes, -self.axes :]
         solutions = np.linalg.pinv(turned @ inputs @ regressors, rcond=1e-10, hermitian=True) @ mixed
@@ -239,10 +237,8 @@ class GravityEstimate:
     @property
     def evidence(self) -> str:
         """Mass and residual with it and without."""
-        improvement = (
-            f"with its direction free the mass is {self.fit.mass:.3g} kg and the residual of the weight falls from"
-        )
-        return f"{improvement} {self.upright.rms:.3g} to {self.fit.rms:.3g} N"
+        gain = f"with its direction free the mass is {self.fit.mass:.3g} kg and the residual of the weight falls from"
+        return f"{gain} {self.upright.rms:.3g} to {self.fit.rms:.3g} N"
 
     @property
     def sentence(self) -> str:

@@ -65,13 +65,11 @@ class LogStreams:
             rows = self._own_rows(group, columns)
             # Rows of one table share a clock, unless each is of one topic only.
             self.one_clock &= all(
-                table is group.table and bool((stream_rows & rows).any()) for table, _, stream_rows in streams
+                table is group.table and bool((sampled & rows).any()) for table, _, sampled in streams
             )
-            for place, (table, members, stream_rows) in enumerate(streams):
-                if table is group.table and (stream_rows & rows).sum() >= SHARED_ROWS * max(
-                    stream_rows.sum(), rows.sum()
-                ):
-                    streams[place] = (table, members | columns, stream_rows & rows)
+            for place, (table, members, sampled) in enumerate(streams):
+                if table is group.table and (sampled & rows).sum() >= SHARED_ROWS * max(sampled.sum(), rows.sum()):
+                    streams[place] = (table, members | columns, sampled & rows)
                     break
             else:
                 streams.append((group.table, dict(columns), rows))

@@ -150,9 +150,7 @@ def _called_time(table: LogTable) -> Iterator[str]:
     for pattern in TIME_NAMES:
         for name in table.columns:
             bare = name_and_unit(name)[0]
-            if any(
-                re.fullmatch(pattern, candidate, re.IGNORECASE) for candidate in (bare, re.split(r"[./:]", bare)[-1])
-            ):
+            if any(re.fullmatch(pattern, word, re.IGNORECASE) for word in (bare, re.split(r"[./:]", bare)[-1])):
                 yield name
 
 

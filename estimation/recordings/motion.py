@@ -103,9 +103,7 @@ class MotionColumns:
         """
         assert self.time is not None  # static poses are not smoothed
         times, span = np.arange(self.samples) * np.float64(self.dt or 0.0), self.samples * (self.dt or 0.0)
-        splines = {
-            key: derivatives.spline for key, derivatives in self.derivatives.items() if derivatives.spline is not None
-        }
+        splines = {key: d.spline for key, d in self.derivatives.items() if d.spline is not None}
         innovations = [[spline.innovations(rng) for spline in splines.values()] for _ in range(count)]
         draws = {
             key: SplineTimes.of(spline, times).derivatives(spline.drawn(*each)).one_after_another(count)
@@ -382,8 +380,7 @@ def _joint_motion(motion: Motion) -> dict[str, Array]:
         for q, dq, ddq in zip(*names, strict=True)
     ]
     q, dq, ddq = (
-        np.concatenate([getattr(rate, derivative) for rate in rates], axis=1)
-        for derivative in ("value", "first", "second")
+        np.concatenate([getattr(rate, order) for rate in rates], axis=1) for order in ("value", "first", "second")
     )
     pose = {} if motion.arm is None else motion.arm.pose(q, dq, ddq)
     joints = (_named(name, series) for name, series in zip(names, (q, dq, ddq), strict=True))

@@ -29,9 +29,7 @@ def min_max_decimated(x: Array, y: Array, bins: int = PIXEL_COLUMNS) -> tuple[Ar
 def extremes(x: Array, y: Array, edges: NDArray[np.intp]) -> tuple[Array, Array]:
     """The smallest and the largest y between consecutive indices, in order."""
     parts = [(start, y[start:end]) for start, end in pairwise(edges)]
-    index = np.unique(
-        [start + i for start, interval in parts for i in (int(interval.argmin()), int(interval.argmax()))]
-    )
+    index = np.unique([start + i for start, piece in parts for i in (int(piece.argmin()), int(piece.argmax()))])
     return x[index], y[index]
 
 
@@ -356,11 +354,9 @@ class ReadingReport(Tabular):
             parts.append(_offset_sentence(self.offset))
         if self.period is not None:
             parts.append(str(self.period))
-        steps_by_title = {title: self.of(kind) for kind, title in _TITLES.items()}
+        by_title = {title: self.of(kind) for kind, title in _TITLES.items()}
         return parts + [
-            "\n".join([f"{title}:", *(f"  {step}" for step in steps)])
-            for title, steps in steps_by_title.items()
-            if steps
+            "\n".join([f"{title}:", *(f"  {step}" for step in steps)]) for title, steps in by_title.items() if steps
         ]
 
     def __str__(self) -> str:

@@ -93,12 +93,10 @@ class Recording(Tabular):
         length = "poses at rest" if self.dt is None else f"samples at {1 / self.dt:.6g} Hz"
         runs = f"{self.repeats} x " if self.repeats > 1 else ""
         used = motion_columns(self.form, self.joints)
-        columns = "motion " + " ".join(name for name in used if name in self.columns)
+        names = "motion " + " ".join(name for name in used if name in self.columns)
         if self.auxiliary:
-            columns += f"; auxiliary signals {' '.join(self.auxiliary)}"
-        return (
-            f"Recording {self.name!r}: {runs}{self.samples_per_repeat} {length}, {' '.join(self.channels)}; {columns}"
-        )
+            names += f"; auxiliary signals {' '.join(self.auxiliary)}"
+        return f"Recording {self.name!r}: {runs}{self.samples_per_repeat} {length}, {' '.join(self.channels)}; {names}"
 
     def __str__(self) -> str:
         return repr(self)

@@ -209,9 +209,7 @@ def _smooth_derivatives(series: Array, repeats: int, dt: float, continuous: bool
         if misfit < max(JUMP * least, (NEGLIGIBLE * float(series.std())) ** 2):
             return whole.value, whole.first, whole.second
     parts = (single.value, single.first, single.second)
-    return tuple(
-        derivative.reshape(-1, repeats, columns).transpose(1, 0, 2).reshape(series.shape) for derivative in parts
-    )
+    return tuple(runs.reshape(-1, repeats, columns).transpose(1, 0, 2).reshape(series.shape) for runs in parts)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -174,13 +174,9 @@ class PulledTool:
         columns = np.ones((len(force), 1)) if terms is None else np.hstack([np.ones((len(force), 1)), terms])
         left, sizes, _ = np.linalg.svd(columns[every] / _norms(columns[every]), full_matrices=False)
         basis = left[:, sizes > RANK_TOLERANCE * sizes[0]]
-        orthogonal = force[every] - basis @ (basis.T @ force[every])
+        cleared = force[every] - basis @ (basis.T @ force[every])
         return cls(
-            to_sensor=to_sensor[every],
-            position=position[every],
-            specific=specific[every],
-            force=orthogonal,
-            basis=basis,
+            to_sensor=to_sensor[every], position=position[every], specific=specific[every], force=cleared, basis=basis
         )
 
     def __add__(self, other: Self) -> Self:

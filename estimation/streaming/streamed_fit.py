@@ -153,10 +153,8 @@ class StreamedProblem:
             key: RunKey = source.run if isinstance(source, Chunk) else number
             first_run = key if first_run is None else first_run
             model, theta = first if key == first_run else others
-            yield (
-                key,
-                (source.with_signals(needed[model]) if isinstance(source, Chunk) else source, model, self.noise, theta),
-            )
+            used = source.with_signals(needed[model]) if isinstance(source, Chunk) else source
+            yield key, (used, model, self.noise, theta)
 
 
 def _evaluated(
