@@ -213,6 +213,7 @@ change the value by half."""
 CORRECTED_STEP_TOLERANCE = 1e-6
 """Decrease of chi-square below which the fit has converged, as in `levenberg_marquardt`."""
 MAX_CORRECTED_STEPS = 40
+"""At most, as in `levenberg_marquardt`; a fit that takes more is marked as not converged."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -217,6 +217,7 @@ def _by_runs(recording: Recording, series: Array) -> Array:
 
 
 MAX_ROUNDS = 40
+"""Of outliers and parameters in turn, at most; a fit that takes more says so."""
 NOISE_REESTIMATION_ROUNDS = 4
 """Rounds with noise re-estimation: one for outliers, one for the spectrum, two to settle. Then it is fixed."""
 PARAMETER_TOLERANCE = 0.01

@@ -18,6 +18,7 @@ STEP_TOLERANCE = 1e-4
 """Decrease of chi-square by an undamped step below which a refit has converged: a hundredth of a std, or less, from its
 minimum, as the next such step would gain less."""
 MAX_STEPS = 40
+"""At most: far more than convergence takes near a minimum; a fit that takes more is marked as not converged."""
 FIRST_DAMPING, LEAST_DAMPING, GREATEST_DAMPING = 1e-6, 1e-9, 1e6
 """After the first step without gain; below which there is none; above which no step gains."""
 DAMPING_DECREASE = 0.1

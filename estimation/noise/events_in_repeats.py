@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 Lines = NDArray[np.complex128]
 
 MAX_EVENTS = 3
+"""Of a recording, at most; each is sought beside those before it."""
 
 
 def find_events_in_repeats(recording: Recording, residual: Array) -> tuple[tuple[float, float], ...]:

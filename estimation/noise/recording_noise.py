@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 DRAWN_SAMPLES = 50_000
 """Samples of all draws together."""
 FEWEST_DRAWS, MOST_DRAWS = 4, 16
+"""Draws of a long and of a short run: the variance of a few is averaged over `WINDOW` samples too."""
 NEGLIGIBLE = 0.99
 """Of a weight: a smaller change changes no estimate."""
 WINDOW = 5

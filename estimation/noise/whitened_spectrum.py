@@ -102,6 +102,7 @@ CORNERS = 48
 EXPONENTS = (0.7, 1.0, 1.4)
 """Of the 1/f part: those of sensors are about 1, and what an autoregression leaves is not exactly a power."""
 HIGHEST_CORNER = 10.0
+"""Times the highest line: with the corner beyond it the spectrum is 1/f at all lines."""
 SPREAD = 2.0
 """Std of a record's mean power, by which it may exceed that of the process."""
 

@@ -161,6 +161,7 @@ KNOTS_PER_SAMPLE = 2
 TIMES_AT_ONCE = 16
 """Whose std is computed together: so many series of memory, and few calls."""
 FEWEST_PIECES = 512
+"""Knot intervals at the start, where the samples allow them; they are doubled until they are enough."""
 PIECES_PER_FREEDOM = 3.0
 """Knot intervals per effective parameter from which more knots change nothing."""
 

@@ -39,6 +39,7 @@ LEAST_WEIGHT = 0.5
 LEAST_MASS = 0.03
 """kg: less than the plate by which a tool is fastened to a sensor."""
 FEWEST_BLOCKS = 3
+"""Fewer hardly have a variance."""
 SMALLEST_DIVISOR = 1e-300
 """In place of a divisor of zero, such as the power of a channel that never changes: far below any square measured."""
 RANK_TOLERANCE = 1e-10
