@@ -46,7 +46,7 @@ FEWEST_SAMPLES = 20
 MOST_ROWS = 1 << 16
 """Rows that are searched; of longer recordings every m-th."""
 CANDIDATES = 24
-"""Minima of the difference function that are judged: the first that are nearly as deep, and the deepest half as many."""
+"""Minima of the difference function that are judged: the first nearly as deep ones, and half as many deepest ones."""
 MOVING_OUTSIDE = 0.25
 """Share of the moving time that may be outside the repeats, as an approach and a return are."""
 SCORE_BLOCKS = 8
