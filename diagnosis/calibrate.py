@@ -22,7 +22,7 @@ from diagnosis.progress import CountCallback, Progress, count_progress, counted,
 from diagnosis.screening.score_test import ScoreTest, screen
 from diagnosis.verdict_rule import RecordVerdict
 from estimation.case import Case
-from estimation.fit import Fit, refit, require_recording
+from estimation.fit import Fit, require_recording, unchecked_fit
 from estimation.model_response import predicted_readings
 from estimation.multiplicity import bonferroni_level
 from estimation.recordings.recording import Recording, readings_digest
@@ -286,7 +286,7 @@ class _HiddenEffect:
 def _detected(source: _Source, hidden: _HiddenEffect, number: tuple[int, int]) -> bool:
     """Whether the effect is significant in a surrogate that it is hidden in."""
     fit, candidates = source.fit, len(source.candidates)
-    again = refit(Case(fit.model, (source.surrogate(hidden.prediction, number),)), start=fit.values)
+    again = unchecked_fit(Case(fit.model, (source.surrogate(hidden.prediction, number),)), start=fit.values)
     (tested,) = screen(again, [hidden.test.effect], candidates=candidates)
     return tested.excited and tested.p_value < bonferroni_level(candidates)
 

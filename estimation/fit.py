@@ -357,10 +357,10 @@ def fit_case(
     require_known_start(start or (), case.model, layout.parameters)
     if constraints is not None:
         constraints.region(layout)  # raises before any work when they are invalid or infeasible
-    fitted = refit(case, noise=noise, start=start, constraints=constraints)
+    fitted = unchecked_fit(case, noise=noise, start=start, constraints=constraints)
     without_transients = noise_without_transients(fitted) if noise is None else None
     if without_transients is not None:
-        fitted = refit(case, noise=without_transients, start=fitted.values, constraints=constraints)
+        fitted = unchecked_fit(case, noise=without_transients, start=fitted.values, constraints=constraints)
     given = noise is not None or constraints is not None
     fitted = with_coloured_std(fitted) if given else with_ordinary_estimate(fitted)
     require_positive_fitted_mass(fitted)
@@ -428,7 +428,7 @@ def _whole_recordings(
     return recordings_of(whole, "fit")  # type: ignore[arg-type]  # what is left is checked there
 
 
-def refit(
+def unchecked_fit(
     case: Case,
     *,
     noise: Sequence[RecordingNoise] | None = None,

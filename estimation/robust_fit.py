@@ -11,7 +11,7 @@ from scipy.fft import dct, idct
 
 from estimation.case import Case
 from estimation.confidence_intervals import Intervals, intervals
-from estimation.fit import Fit, recordings_of, refit, require_positive_fitted_mass
+from estimation.fit import Fit, recordings_of, require_positive_fitted_mass, unchecked_fit
 from estimation.least_squares.estimates import PARAMETER_COLUMNS, Estimate
 from estimation.multiplicity import normal_isf
 from estimation.noise.power_spectrum import MIN_ORDINATES, power_levels, smooth_power_spectra
@@ -337,7 +337,7 @@ def robust_fit(
 def robust_fit_case(case: Case, *, loss: Loss | None = None, start: Mapping[str, float] | None = None) -> RobustFit:
     """`robust_fit` of a case."""
     require_known_start(start or (), case.model, parameter_layout(case.model, case.recordings).parameters)
-    robust = _iterated(refit(case, start=start), loss or Huber())
+    robust = _iterated(unchecked_fit(case, start=start), loss or Huber())
     require_positive_fitted_mass(robust.fit)
     return robust
 
@@ -349,7 +349,7 @@ def _iterated(plain: Fit, loss: Loss) -> RobustFit:
     for number in range(MAX_ROUNDS):
         cleaned = tuple(r.with_readings(r.wrench - o.part) for r, o in zip(plain.recordings, outliers, strict=True))
         noise = fitted.noise if number >= NOISE_REESTIMATION_ROUNDS else None
-        before, fitted = fitted, refit(Case(plain.model, cleaned), noise=noise, start=fitted.values)
+        before, fitted = fitted, unchecked_fit(Case(plain.model, cleaned), noise=noise, start=fitted.values)
         outliers = _outliers(plain, fitted, loss, outliers, noise is not None)
         std = np.sqrt(np.diag(fitted.covariance))
         change = float(
