@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, NoReturn, overload
@@ -179,8 +179,9 @@ class Fit(Solution, Estimates):
         pandas.DataFrame
             Readings in N and N m, one row a sample: the index is the time in s, of static poses their number.
         """
-        require_recording(recording, "predict")
-        number = None if recording is None else self.number_of(recording)
+        if recording is not None:
+            require_recording(recording, "predict")
+        number = 0 if recording is None else self.number_of(recording)
         if recording is None or number is not None:
             return reading_frame(self.recordings[number or 0], self.predicted_readings(number or 0))
         return predicted_frame(self.model, self.values, recording)
@@ -196,8 +197,8 @@ class Fit(Solution, Estimates):
 
 
 def require_recording(given: object, where: str) -> None:
-    """InputError, in a sentence, for what is neither a recording nor None."""
-    if not isinstance(given, Recording | None):
+    """InputError, in a sentence, for what is no recording."""
+    if not isinstance(given, Recording):
         what = f"a recording is needed, not {kind_of(given)}"
         raise InputError(what=what, where=where, remedy="read it: tw.read(path), tw.from_dataframe(frame)")
 
@@ -349,14 +350,17 @@ def fit_case(
     constraints: Constraints | None = None,
 ) -> Fit:
     """`fit` of a case."""
+    if noise is not None and len(noise) != len(case.recordings):
+        what = f"{len(noise)} noises of {len(case.recordings)} recordings"
+        raise InputError(what=what, where="noise", remedy="give one for each recording, in their order")
     layout = parameter_layout(case.model, case.recordings)
     require_known_start(start or (), case.model, layout.parameters)
     if constraints is not None:
         constraints.region(layout)  # raises before any work when they are invalid or infeasible
-    fitted = refit(case, noise=noise, start=start, constraints=constraints)
+    fitted = unchecked_fit(case, noise=noise, start=start, constraints=constraints)
     without_transients = noise_without_transients(fitted) if noise is None else None
     if without_transients is not None:
-        fitted = refit(case, noise=without_transients, start=fitted.values, constraints=constraints)
+        fitted = unchecked_fit(case, noise=without_transients, start=fitted.values, constraints=constraints)
     given = noise is not None or constraints is not None
     fitted = with_coloured_std(fitted) if given else with_ordinary_estimate(fitted)
     require_positive_fitted_mass(fitted)
@@ -410,19 +414,21 @@ def _whole_recordings(
     if executor is not None:
         what = "an executor needs the noise beforehand, as it processes each part independently"
         raise InputError(what=what, where="executor", remedy=remedy)
-    parts = given if isinstance(given, Recording | str) or hasattr(given, "columns") else _listed(given)
-    for chunk in parts if isinstance(parts, tuple) else ():
-        if isinstance(chunk, Chunk):
-            raise InputError(what="noise cannot be estimated from chunks", where=chunk.run, remedy=remedy)
-    return recordings_of(parts, "fit")  # type: ignore[arg-type]  # what is left is checked there
+
+    def refusing_chunks(parts: Iterable[object]) -> Iterator[object]:
+        """The parts one by one: the first chunk is refused before a log that is longer than memory is read on."""
+        for part in parts:
+            if isinstance(part, Chunk):
+                raise InputError(what="noise cannot be estimated from chunks", where=part.run, remedy=remedy)
+            yield part
+
+    whole: object = given
+    if not isinstance(whole, Recording | str | None) and not hasattr(whole, "columns"):
+        whole = refusing_chunks(whole if isinstance(whole, Iterable) else (whole,))
+    return recordings_of(whole, "fit")  # type: ignore[arg-type]  # what is left is checked there
 
 
-def _listed(given: object) -> object:
-    """What can be iterated as a tuple, which can be iterated again; anything else in one."""
-    return tuple(given) if isinstance(given, Iterable) else (given,)
-
-
-def refit(
+def unchecked_fit(
     case: Case,
     *,
     noise: Sequence[RecordingNoise] | None = None,

@@ -11,7 +11,7 @@ from scipy.fft import dct, idct
 
 from estimation.case import Case
 from estimation.confidence_intervals import Intervals, intervals
-from estimation.fit import Fit, refit, require_positive_fitted_mass
+from estimation.fit import Fit, recordings_of, require_positive_fitted_mass, unchecked_fit
 from estimation.least_squares.estimates import PARAMETER_COLUMNS, Estimate
 from estimation.multiplicity import normal_isf
 from estimation.noise.power_spectrum import MIN_ORDINATES, power_levels, smooth_power_spectra
@@ -19,7 +19,7 @@ from estimation.noise.recording_noise import RecordingNoise, sample_step
 from estimation.parameter_layout import parameter_layout, require_known_start
 from estimation.recordings.recording import Recording
 from estimation.robust_loss import Huber, Loss
-from modeling.chain.model import WrenchModel
+from modeling.chain.model import WrenchModel, require_model
 from modeling.noise import NoiseSource
 from modeling.significance import LEVELS
 from modeling.table import Column, Table, Tabular, Value
@@ -328,14 +328,14 @@ def robust_fit(
     >>> robust.converged, round(robust.values["m"], 2), round(robust.plain.values["m"], 2)
     (True, 0.9, 0.9)
     """
-    several = (recordings,) if isinstance(recordings, Recording) else tuple(recordings)
-    return robust_fit_case(Case.of(model, several), loss=loss, start=start)
+    require_model(model, "robust_fit")
+    return robust_fit_case(Case.of(model, recordings_of(recordings, "robust_fit")), loss=loss, start=start)
 
 
 def robust_fit_case(case: Case, *, loss: Loss | None = None, start: Mapping[str, float] | None = None) -> RobustFit:
     """`robust_fit` of a case."""
     require_known_start(start or (), case.model, parameter_layout(case.model, case.recordings).parameters)
-    robust = _iterated(refit(case, start=start), loss or Huber())
+    robust = _iterated(unchecked_fit(case, start=start), loss or Huber())
     require_positive_fitted_mass(robust.fit)
     return robust
 
@@ -347,7 +347,7 @@ def _iterated(plain: Fit, loss: Loss) -> RobustFit:
     for number in range(MAX_ROUNDS):
         cleaned = tuple(r.with_readings(r.wrench - o.part) for r, o in zip(plain.recordings, outliers, strict=True))
         noise = fitted.noise if number >= NOISE_REESTIMATION_ROUNDS else None
-        before, fitted = fitted, refit(Case(plain.model, cleaned), noise=noise, start=fitted.values)
+        before, fitted = fitted, unchecked_fit(Case(plain.model, cleaned), noise=noise, start=fitted.values)
         outliers = _outliers(plain, fitted, loss, outliers, noise is not None)
         std = np.sqrt(np.diag(fitted.covariance))
         change = float(

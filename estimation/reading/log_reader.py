@@ -214,7 +214,7 @@ class LogReader(ABC):
 
     @abstractmethod
     def recognises(self, source: SourceFile) -> bool:
-        """Whether the source has this format, by its first bytes."""
+        """Whether the source has this format, by its first bytes or its suffix."""
 
     @abstractmethod
     def tables(self, source: SourceFile) -> list[LogTable]:

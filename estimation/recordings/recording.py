@@ -210,8 +210,17 @@ class Recording(Tabular):
         return None if self.moved_as_measured is False else self.motion.of_each_repeat
 
     def is_reading_of(self, other: Recording) -> bool:
-        """Whether it has the same readings as another, which may stand on a base that is decided."""
-        return self.wrench is other.wrench
+        """Whether it is another recording as a case reads it: the same but for what was not decided of the other.
+
+        That is gravity's direction and whether the repeats moved in their own way. Same readings of another motion, or
+        on another rig, are another recording, of which a model predicts something else.
+        """
+        if self.wrench is not other.wrench or self.motion.recorded is not other.motion.recorded:
+            return False
+        own, rig = self.rig or Rig(), other.rig or Rig()
+        mounted = rig if rig.gravity_direction is not None else replace(rig, gravity_direction=own.gravity_direction)
+        same_base = mounted.arm == own.arm and mounted.gravity_direction == own.gravity_direction
+        return same_base and self.form is other.form and other.moved_as_measured in (None, self.moved_as_measured)
 
     def averaged(self, series: Array) -> Array:
         """Series (n, k) averaged over the repeats, the average repeated to n samples."""
@@ -222,12 +231,16 @@ class Recording(Tabular):
         return replace(self, wrench=wrench, whole=None)
 
     def moved(self, **parts: Any) -> Recording:
-        """The same readings with these parts of the motion replaced: columns, time, repeats, continuous, form, rig."""
+        """The same readings with these parts of the motion replaced: columns, time, repeats, continuous, form, rig.
+
+        Whether repeats of other columns moved in their own way is undecided again.
+        """
         recorded = {f.name: parts.pop(f.name) for f in fields(MotionColumns) if f.name in parts}
         if recorded:
             now = self.motion.recorded
             parts["recorded"] = replace(now, **{"derivatives": {}, "held": {}, **recorded})
-        return replace(self, motion=replace(self.motion, **parts))
+        decided = None if recorded else self.moved_as_measured
+        return replace(self, motion=replace(self.motion, **parts), moved_as_measured=decided)
 
     def drawn_motions(self, rng: np.random.Generator, count: int) -> Recording:
         """`count` runs with motions at random from what the samples leave open, one after another in one recording.
