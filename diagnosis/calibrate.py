@@ -22,12 +22,12 @@ from diagnosis.progress import CountCallback, Progress, count_progress, counted,
 from diagnosis.screening.score_test import ScoreTest, screen
 from diagnosis.verdict_rule import RecordVerdict
 from estimation.case import Case
-from estimation.fit import Fit, refit
+from estimation.fit import Fit, require_recording, unchecked_fit
 from estimation.model_response import predicted_readings
 from estimation.multiplicity import bonferroni_level
 from estimation.recordings.recording import Recording, readings_digest
-from modeling.chain.effect import Effect
-from modeling.chain.model import WrenchModel
+from modeling.chain.effect import Effect, effects_of
+from modeling.chain.model import WrenchModel, require_model
 from modeling.effects import catalogue
 from modeling.errors import InputError
 from modeling.parameter import Parameter
@@ -104,7 +104,7 @@ def calibrate(
     model: WrenchModel,
     recording: Recording,
     *,
-    effects: Sequence[Effect] | None = None,
+    effects: Sequence[Effect | str] | None = None,
     draws: int = DRAWS,
     power_draws: int = POWER_DRAWS,
     seed: int = 0,
@@ -122,8 +122,8 @@ def calibrate(
         The rigid tool, `planar(rig)` or `spatial(rig)`, or a model with effects.
     recording : Recording
         The recording, of one run or with repeats.
-    effects : sequence of Effect, optional
-        The candidate effects; by default the whole catalogue.
+    effects : sequence of Effect or str, optional
+        The candidate effects, or their ids; by default the whole catalogue.
     draws : int, optional
         Surrogates without a missing effect that are diagnosed, by default 100.
     power_draws : int, optional
@@ -162,7 +162,9 @@ def calibrate(
     if draws < 1 or power_draws < 0:
         what = f"{draws} surrogates, and {power_draws} of each effect, are no calibration"
         raise InputError(what=what, where="calibrate", remedy="ask for at least one, and for no negative number")
-    candidates = None if effects is None else tuple(effects)
+    require_model(model, "calibrate")
+    require_recording(recording, "calibrate")
+    candidates = None if effects is None else effects_of(effects)
     diagnosis = diagnose(model, recording, effects=candidates, progress=progress)
     source = _Source.of(diagnosis, candidates or catalogue(model.space), seed)
     return _calibrated(diagnosis, source, draws, power_draws, progress, workers)
@@ -284,7 +286,7 @@ class _HiddenEffect:
 def _detected(source: _Source, hidden: _HiddenEffect, number: tuple[int, int]) -> bool:
     """Whether the effect is significant in a surrogate that it is hidden in."""
     fit, candidates = source.fit, len(source.candidates)
-    again = refit(Case(fit.model, (source.surrogate(hidden.prediction, number),)), start=fit.values)
+    again = unchecked_fit(Case(fit.model, (source.surrogate(hidden.prediction, number),)), start=fit.values)
     (tested,) = screen(again, [hidden.test.effect], candidates=candidates)
     return tested.excited and tested.p_value < bonferroni_level(candidates)
 

@@ -39,7 +39,7 @@ from diagnosis.verdict.unexplained_residual import UnexplainedResidual, describe
 from diagnosis.verdict_rule import RecordVerdict, VerdictRule, judge
 from estimation.case import Case
 from estimation.contact.rows_left_out import RowsLeftOut, rows_left_out
-from estimation.fit import Fit, noise_without_transients, recordings_of, refit, require_positive_fitted_mass
+from estimation.fit import Fit, noise_without_transients, recordings_of, require_positive_fitted_mass, unchecked_fit
 from estimation.gravity.gravity_estimate import GravityEstimate
 from estimation.least_squares.estimates import estimates_data
 from estimation.multiplicity import bonferroni_p_value
@@ -436,7 +436,7 @@ def _diagnosed(
     given = {effect.id for effect in model.effects}
     candidates = [e for e in (catalogue(model.space) if effects is None else effects) if e.id not in given]
     progress("fit the rigid tool" + "".join(f", {effect.id}" for effect in model.effects))
-    base = refit(case, start=model_initial_values(case) if model.effects else {})
+    base = unchecked_fit(case, start=model_initial_values(case) if model.effects else {})
     held_out = [HeldOut(r, n) for r, n in zip(case.held_out, case.held_out_noise, strict=True)]
     selection = _selected(base, candidates, progress, cache)
     progress("check the selected effects on held-out data")

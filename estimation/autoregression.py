@@ -54,7 +54,7 @@ def _with_event_free_past(event_free: NDArray[np.bool_], order: int) -> NDArray[
 def _innovations(residual: Array, coefficients: Array) -> Array:
     """Innovations (p, n - order) of a residual (n, p)."""
     pairs = zip(residual.T, coefficients.T, strict=True)
-    return np.stack([np.convolve(series, np.append(1.0, -own), "valid") for series, own in pairs])
+    return np.stack([np.convolve(series, np.append(1.0, -filter_), "valid") for series, filter_ in pairs])
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,8 +78,8 @@ class _Past:
         roots = np.zeros((residual.shape[1], highest + 1, highest + 1))
         places = np.flatnonzero(rows)
         for first in range(0, len(places), ROWS_AT_ONCE):
-            own = _with_past(residual, places[first : first + ROWS_AT_ONCE], highest)
-            roots = np.asarray(np.linalg.qr(np.concatenate([roots, own], axis=1), mode="r"))
+            past = _with_past(residual, places[first : first + ROWS_AT_ONCE], highest)
+            roots = np.asarray(np.linalg.qr(np.concatenate([roots, past], axis=1), mode="r"))
         return cls(residual, rows, roots)
 
     def coefficients(self, order: int, rows: NDArray[np.bool_]) -> Array:

@@ -214,10 +214,10 @@ def bootstrap(
     >>> import truewrench as tw
     >>> rig = tw.Rig.read("rig.toml")
     >>> fit = tw.fit(tw.planar(rig) + tw.effects.named("viscous_drag"), tw.read("train.csv", rig=rig))
-    >>> found = tw.bootstrap(fit, draws=500)
-    >>> found.draws.shape, found.freedom.round(6).tolist()[0]
+    >>> bootstrap = tw.bootstrap(fit, draws=500)
+    >>> bootstrap.draws.shape, bootstrap.freedom.round(6).tolist()[0]
     ((500, 8), 7.0)
-    >>> {agreement.name for agreement in found.agreement}
+    >>> {agreement.name for agreement in bootstrap.agreement}
     {'AGREES'}
     """
     for recording in fit.recordings:
@@ -226,11 +226,11 @@ def bootstrap(
     if refits:
         return Bootstrap(fit, influences, _refitted(fit, draws, seed, executor), True, level)
     rng = np.random.default_rng(seed)
-    found = np.zeros((draws, len(fit.theta)))
+    deviations = np.zeros((draws, len(fit.theta)))
     for a in influences:
         times = rng.multinomial(len(a), np.full(len(a), 1 / len(a)), size=draws)
-        found += np.sqrt(len(a) / (len(a) - 1)) * times @ (a - a.mean(axis=0))
-    return Bootstrap(fit, influences, found, False, level)
+        deviations += np.sqrt(len(a) / (len(a) - 1)) * times @ (a - a.mean(axis=0))
+    return Bootstrap(fit, influences, deviations, False, level)
 
 
 def _require_repeats(recording: Recording) -> None:
@@ -246,14 +246,14 @@ def _repeat_influences(fit: Fit) -> tuple[Array, ...]:
     """C D' W e_r of every repeat, (R, k) for each recording."""
     derivative = fit.problem.evaluate(fit.theta)[1]
     ends = np.cumsum([noise.whitener.rows for noise in fit.noise])[:-1]
-    found = []
+    influences = []
     per_recording = zip(
         fit.recordings, fit.noise, fit.residuals, np.split(derivative @ fit.covariance, ends), strict=True
     )
     for recording, noise, residual, gain in per_recording:
         selection = np.kron(np.eye(recording.repeats), np.ones((recording.samples_per_repeat, 1)))
-        found.append(noise.whitener.series(residual[:, :, None] * selection[:, None, :]).T @ gain)
-    return tuple(found)
+        influences.append(noise.whitener.series(residual[:, :, None] * selection[:, None, :]).T @ gain)
+    return tuple(influences)
 
 
 def _refitted(fit: Fit, draws: int, seed: int, executor: Executor | None) -> Array:
@@ -267,12 +267,12 @@ def _refitted(fit: Fit, draws: int, seed: int, executor: Executor | None) -> Arr
 
 def _refit_resamples(fit: Fit, streams: Sequence[np.random.SeedSequence]) -> Array:
     """theta* - theta (draws, k) of recordings with resampled residuals, repeat by repeat."""
-    found = []
+    deviations = []
     for stream in streams:
         rng = np.random.default_rng(stream)
         several = tuple(_resampled(fit, number, rng) for number in range(len(fit.recordings)))
-        found.append(fit.problem.of_recordings(several).minimise(fit.theta).theta - fit.theta)
-    return np.array(found)
+        deviations.append(fit.problem.of_recordings(several).minimise(fit.theta).theta - fit.theta)
+    return np.array(deviations)
 
 
 def _resampled(fit: Fit, number: int, rng: np.random.Generator) -> Recording:

@@ -69,7 +69,9 @@ class Case:
         the sign convention.
         """
         several = (*recordings, *held_out)
-        check_channels(model, tuple(recordings))
+        check_channels(model, recordings)
+        for recording in held_out:
+            require_channels(recording, model)
         gravity, doubted, direction = None, None, _stated_direction(model, several)
         if direction is None:
             shown = gravity_evidence(
@@ -109,7 +111,7 @@ class Case:
         return replace(self, gravity=with_fitted_tilt(self.gravity, model, values))
 
 
-def check_channels(model: WrenchModel, recordings: tuple[Recording, ...]) -> None:
+def check_channels(model: WrenchModel, recordings: Sequence[Recording]) -> None:
     """InputError when there are no recordings, or their channels are not the model's."""
     if not recordings:
         raise InputError(what="no recording was given", where="recordings", remedy="give at least one")
@@ -176,7 +178,7 @@ def initial_noise(model: WrenchModel, recordings: Sequence[Recording]) -> tuple[
     from estimation.noise.events_in_single_runs import find_events_in_single_runs  # in a streamed fit there are none
 
     events = find_events_in_single_runs(model, recordings)
-    return tuple(_initial_noise(model.base, r, own) for r, own in zip(recordings, events, strict=True))
+    return tuple(_initial_noise(model.base, r, intervals) for r, intervals in zip(recordings, events, strict=True))
 
 
 def _initial_noise(base: WrenchModel, recording: Recording, events: tuple[tuple[float, float], ...]) -> RecordingNoise:

@@ -64,8 +64,8 @@ class CentreOfMass(Tabular):
         )
         value, jacobian = form.at(fitted.theta[:size])
         covariance = np.nan_to_num(fitted.covariance[:size, :size], posinf=0.0)
-        known = np.array([fitted.identifiable[list(used)].all() for used in form.used])
-        return cls(form.axes, value, jacobian @ covariance @ jacobian.T, known)
+        identifiable = np.array([fitted.identifiable[list(used)].all() for used in form.used])
+        return cls(form.axes, value, jacobian @ covariance @ jacobian.T, identifiable)
 
     @property
     def std(self) -> Array:

@@ -114,18 +114,18 @@ def intervals(fit: Solution, *, level: float = LEVELS.confidence, pull: Array | 
     >>> import truewrench as tw
     >>> rig = tw.Rig.read("rig.toml")
     >>> model = tw.planar(rig) + tw.effects.named("viscous_drag")
-    >>> found = tw.intervals(tw.fit(model, tw.read("train.csv", rig=rig)), level=0.99)
+    >>> ends = tw.intervals(tw.fit(model, tw.read("train.csv", rig=rig)), level=0.99)
     >>> row = [p.name for p in model.parameters].index("m")
-    >>> print(f"{found.low[row]:.4f} to {found.high[row]:.4f} kg")
+    >>> print(f"{ends.low[row]:.4f} to {ends.high[row]:.4f} kg")
     0.8997 to 0.9005 kg
     """
     residual, derivative = fit.problem.evaluate(fit.theta)
     sources = {NoiseSource.RESIDUAL, NoiseSource.RIG} if pull is None else {NoiseSource.RESIDUAL}
     pull = derivative @ fit.covariance if pull is None else pull
     parts = list(_variance_contributions(fit, residual, derivative, pull, sources))
-    variance = np.sum([part.variance for part in parts], axis=0)
+    variance = np.sum([contribution.variance for contribution in parts], axis=0)
     safe = np.maximum(variance, 1e-300)
-    log_variance = np.sum([part.log_variance(safe) for part in parts], axis=0)
+    log_variance = np.sum([contribution.log_variance(safe) for contribution in parts], axis=0)
     freedom = np.array([degrees_of_freedom_of(float(v)) for v in log_variance])
     return Intervals(fit, level, np.sqrt(variance), freedom)
 
@@ -203,9 +203,9 @@ def _spectral_contribution(
 
     def log_variance(total: Array) -> Array:
         parts = zip(spectra, squares, strict=True)  # the channels are independent
-        return np.asarray(sum(curve.mean_log_variance(curve.basis(frequency), part / total) for curve, part in parts))
+        return np.asarray(sum(curve.mean_log_variance(curve.basis(frequency), line / total) for curve, line in parts))
 
-    return VarianceContribution(np.sum([part.sum(axis=0) for part in squares], axis=0), log_variance)
+    return VarianceContribution(np.sum([weighted.sum(axis=0) for weighted in squares], axis=0), log_variance)
 
 
 def _cosine_lines(rows: Array, channels: int) -> Array:

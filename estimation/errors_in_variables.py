@@ -30,8 +30,7 @@ from modeling.kinematics.arm import POSE_SIGNALS, PlanarArm
 from modeling.noise import NoiseSource, inverse_cholesky_factor
 from modeling.table import Column, Table, Tabular, Value
 
-# Propagation of signal errors to the predicted wrench: sensitivities and second-order bias.
-
+Array = NDArray[np.float64]
 
 JOINT_SIGNAL = r"d{0,2}q\d+"
 
@@ -73,28 +72,28 @@ class ErrorPropagation:
         """
         arm = recording.arm if isinstance(recording.arm, PlanarArm) else PlanarArm(())
         lengths = arm.link_lengths
-        known = {*recording.signals, *(ORIENTATION_ERRORS if "qw" in recording.signals else ())}
+        usable = {*recording.signals, *(ORIENTATION_ERRORS if "qw" in recording.signals else ())}
         for name in noise.names:
-            if re.fullmatch(JOINT_SIGNAL, name) and not lengths and name in known:
+            if re.fullmatch(JOINT_SIGNAL, name) and not lengths and name in usable:
                 raise InputError(
                     what=f"the noise of '{name}' can be propagated through a planar arm only",
                     where=recording.name,
                     remedy=f"state the noise of the sensor's motion ({', '.join(ORIENTATION_ERRORS)}, wx ..) instead",
                 )
-            if name not in known:
+            if name not in usable:
                 raise InputError(
                     what=f"there is no signal '{name}'",
                     where=recording.name,
                     remedy="state the noise of signals that the recording has",
                 )
-        found = _cached(cls(model, noise.names, tuple(lengths), arm.base))
-        if not found._symbols:
+        propagation = _cached(cls(model, noise.names, tuple(lengths), arm.base))
+        if not propagation._symbols:
             raise InputError(
                 what=f"the model uses none of {', '.join(noise.names)}",
                 where=recording.name,
                 remedy="state the noise of signals on which its prediction depends",
             )
-        return found
+        return propagation
 
     @cached_property
     def errors(self) -> tuple[sp.Symbol, ...]:
@@ -105,14 +104,14 @@ class ErrorPropagation:
     def _perturbed(self) -> Mapping[sp.Symbol, sp.Expr]:
         """Signals with their errors; poses of an arm with joint signals by its kinematics."""
         error = dict(zip(self.names, self.errors, strict=True))
-        own = {sp.Symbol(name, real=True): sp.Symbol(name, real=True) + e for name, e in error.items()}
+        perturbed = {sp.Symbol(name, real=True): sp.Symbol(name, real=True) + e for name, e in error.items()}
         if set(ORIENTATION_ERRORS) & set(self.names):
-            own |= _rotated_quaternion(*(error.get(name, sp.S.Zero) for name in ORIENTATION_ERRORS))
+            perturbed |= _rotated_quaternion(*(error.get(name, sp.S.Zero) for name in ORIENTATION_ERRORS))
         if not any(re.fullmatch(JOINT_SIGNAL, name) for name in self.names):
-            return own
+            return perturbed
         kinematics = PlanarArm(self.lengths, self.base).kinematics
         shift = {sp.Symbol(n, real=True): error.get(n, sp.S.Zero) for n in POSE_SIGNALS}
-        return own | {s: kinematics[s.name].xreplace(own) + extra for s, extra in shift.items()}
+        return perturbed | {s: kinematics[s.name].xreplace(perturbed) + extra for s, extra in shift.items()}
 
     @cached_property
     def _symbols(self) -> list[sp.Symbol]:
@@ -187,8 +186,8 @@ def _cached(load: ErrorPropagation) -> ErrorPropagation:
 @lru_cache(maxsize=32)
 def _bias_corrected(load: ErrorPropagation, covariance: tuple[tuple[float, ...], ...]) -> WrenchModel:
     """The bias-corrected model for errors of this covariance (s, s): recordings of one noise share its compilation."""
-    own = {f.name: getattr(load.model, f.name) for f in fields(load.model)}
-    return BiasCorrectedModel(**own, curvature=sp.ImmutableMatrix(load.curvature(sp.Matrix(covariance))))
+    attributes = {f.name: getattr(load.model, f.name) for f in fields(load.model)}
+    return BiasCorrectedModel(**attributes, curvature=sp.ImmutableMatrix(load.curvature(sp.Matrix(covariance))))
 
 
 def _rotated_quaternion(x: sp.Expr, y: sp.Expr, z: sp.Expr) -> dict[sp.Symbol, sp.Expr]:
@@ -203,8 +202,6 @@ def _rotated_quaternion(x: sp.Expr, y: sp.Expr, z: sp.Expr) -> dict[sp.Symbol, s
 # Corrected-score least squares (Nakamura): chi-square less the contribution of input noise.
 
 
-Array = NDArray[np.float64]
-
 HUTCHINSON_PROBES = 60
 """Random sign vectors per expectation. The error is due to correlation of samples by the weights alone: with n samples
 correlated over a few, about sqrt(2 · few / (60 n)) of the correction, far below the std of any parameter."""
@@ -216,6 +213,7 @@ change the value by half."""
 CORRECTED_STEP_TOLERANCE = 1e-6
 """Decrease of chi-square below which the fit has converged, as in `levenberg_marquardt`."""
 MAX_CORRECTED_STEPS = 40
+"""At most, as in `levenberg_marquardt`; a fit that takes more is marked as not converged."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -302,7 +300,7 @@ class CorrectedScoreProblem:
     def of(cls, fitted: Fit, inputs: InputNoise) -> CorrectedScoreProblem:
         """The corrected problem of an ordinary fit whose signals have the noise `inputs`."""
         several = fitted.recordings
-        loads = [ErrorPropagation.of(own, r, inputs) for own, r in zip(fitted.layout.models, several, strict=True)]
+        loads = [ErrorPropagation.of(model, r, inputs) for model, r in zip(fitted.layout.models, several, strict=True)]
         models = tuple(load.unbiased(inputs, r.repeats) for load, r in zip(loads, several, strict=True))
         roots = tuple(_root(inputs.covariance / r.repeats) for r in several)
         problem = replace(fitted.problem, layout=replace(fitted.layout, models=models))
@@ -323,10 +321,10 @@ class CorrectedScoreProblem:
     def _slope(self, number: int, theta: Array, samples: int) -> tuple[Array, Array]:
         """f_u (samples, p, s) of a recording, and its derivative (samples, p, s, k) in the recording's parameters."""
         recording = self.problem.recordings[number]
-        own = theta[self.problem.layout.index[number]]
-        value, derivative = self.slopes[number].tangent(recording.motion.model_signals, own, samples)
+        values = theta[self.problem.layout.index[number]]
+        value, derivative = self.slopes[number].tangent(recording.motion.model_signals, values, samples)
         shape = (samples, len(recording.channels), len(self.roots[number]))
-        return value.reshape(shape), derivative.reshape(*shape, len(own))
+        return value.reshape(shape), derivative.reshape(*shape, len(values))
 
     def expand(self, theta: Array) -> CorrectedScoreExpansion:
         """The corrected chi-square about theta (k,)."""
@@ -387,7 +385,7 @@ def _response(parts: tuple[Array, Array], recording: Recording, periodic: bool) 
     """Response from value and derivative of one repeat (`periodic`) or of the whole record."""
     if periodic:
         return ModelResponse(parts, None, recording.repeats)
-    zero = [np.zeros((recording.samples_per_repeat, *part.shape[1:])) for part in parts]
+    zero = [np.zeros((recording.samples_per_repeat, *array.shape[1:])) for array in parts]
     return ModelResponse((zero[0], zero[1]), parts, recording.repeats)
 
 
@@ -399,18 +397,18 @@ def effective_noise(noise: RecordingNoise, recording: Recording, added: Array) -
     Weights constant in time lose almost no efficiency against (S + f_u Σ f_u')^-1 sample by sample, and cannot be
     correlated with the noise of a sample. Noise estimated from a residual already includes the input noise.
     """
-    own = noise.whitener
+    old = noise.whitener
     if noise.source is NoiseSource.RESIDUAL:
         return noise
-    if isinstance(own, AutoregressiveWhitener):
-        whitener: Whitener = replace(own, noise=replace(own.noise, covariance=own.noise.covariance + added))
+    if isinstance(old, AutoregressiveWhitener):
+        whitener: Whitener = replace(old, noise=replace(old.noise, covariance=old.noise.covariance + added))
     else:
-        assert isinstance(own, FourierLineWhitener)
-        excited, non_excited = np.split(own.root, [len(own.excited_lines)])
+        assert isinstance(old, FourierLineWhitener)
+        excited, non_excited = np.split(old.root, [len(old.excited_lines)])
         colouring = np.linalg.inv(excited)
         covariance = (colouring @ colouring.conj().swapaxes(-1, -2) + added).astype(np.complex128)
         root = np.concatenate([inverse_cholesky_factor(covariance), non_excited])
-        plain = FourierLineWhitener(own.samples, own.repeats, own.excited_lines, own.non_excited_lines, root)
+        plain = FourierLineWhitener(old.samples, old.repeats, old.excited_lines, old.non_excited_lines, root)
         whitener = without_leakage(plain, noise.spectra, sample_step(recording))
     return replace(noise, floor=np.sqrt(noise.floor**2 + np.diag(added)), whitener=whitener)
 
@@ -440,8 +438,8 @@ class ErrorsInVariables(Tabular):
     @cached_property
     def bias(self) -> Mapping[str, float]:
         """Estimated bias of ordinary least squares, plain minus corrected, of each identifiable parameter."""
-        found = self.corrected.parameters.items()
-        return {name: self.plain.values[name] - e.value for name, e in found if np.isfinite(e.std)}
+        estimates = self.corrected.parameters.items()
+        return {name: self.plain.values[name] - e.value for name, e in estimates if np.isfinite(e.std)}
 
     @property
     def table(self) -> Table:
@@ -452,9 +450,9 @@ class ErrorsInVariables(Tabular):
         return Table.of(columns, [self._row(name) for name in self.corrected.parameters])
 
     def _row(self, name: str) -> tuple[Value, ...]:
-        found, bias = self.corrected.parameters[name], self.bias.get(name)
-        ratio = bias / found.std if bias is not None and found.std else None
-        return name, self.plain.values[name], found.known, found.std, bias, ratio, found.unit
+        estimate, bias = self.corrected.parameters[name], self.bias.get(name)
+        ratio = bias / estimate.std if bias is not None and estimate.std else None
+        return name, self.plain.values[name], estimate.known, estimate.std, bias, ratio, estimate.unit
 
     def remarks(self) -> list[str]:
         """The noise of the inputs."""
@@ -510,27 +508,27 @@ def errors_in_variables_fit(
     >>> import truewrench as tw
     >>> rig = tw.Rig.read("rig.toml")
     >>> noise = tw.InputNoise.stated({"ddphi": 2.0})
-    >>> found = tw.errors_in_variables_fit(tw.planar(rig), tw.read("train.csv", rig=rig), input_noise=noise)
-    >>> found.bias["I"] < 0 < found.reliability < 1  # noise attenuates the inertia
+    >>> corrected = tw.errors_in_variables_fit(tw.planar(rig), tw.read("train.csv", rig=rig), input_noise=noise)
+    >>> corrected.bias["I"] < 0 < corrected.reliability < 1  # noise attenuates the inertia
     True
     """
     first = fit(model, recordings, noise=noise, start=start)
     _require_no_dynamics(first)
     inputs = input_noise if input_noise is not None else InputNoise.measured(_first_repeated(first.recordings))
     problem = CorrectedScoreProblem.of(first, inputs).weighted(first.theta, first.noise)
-    theta, found, converged = problem.minimise(first.theta)
+    theta, information, converged = problem.minimise(first.theta)
     for _ in range(REWEIGHTING_ROUNDS - 1):
         problem = problem.weighted(theta, first.noise)
-        theta, found, converged = problem.minimise(theta)
+        theta, information, converged = problem.minimise(theta)
     plain = first.in_noise(problem.problem.noise)
     corrected = replace(
         plain,
         theta=theta,
-        covariance=found.covariance,
-        identifiable=found.identifiable,
+        covariance=information.covariance,
+        identifiable=information.identifiable,
         converged=converged and plain.converged,
     )
-    return ErrorsInVariables(plain, corrected, inputs, found.reliability)
+    return ErrorsInVariables(plain, corrected, inputs, information.reliability)
 
 
 def _first_repeated(recordings: Sequence[Recording]) -> Recording:
@@ -538,9 +536,9 @@ def _first_repeated(recordings: Sequence[Recording]) -> Recording:
 
 
 def _require_no_dynamics(fitted: Fit) -> None:
-    for own in fitted.layout.models:
-        own.require_direct("errors_in_variables_fit")
-    if any(compiled_prediction(own).has_transfer_function for own in fitted.layout.models):
+    for model in fitted.layout.models:
+        model.require_direct("errors_in_variables_fit")
+    if any(compiled_prediction(model).has_transfer_function for model in fitted.layout.models):
         raise InputError(
             what="input noise cannot be propagated through a lag or a delay",
             where="errors_in_variables_fit",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, NoReturn, overload
@@ -80,8 +80,8 @@ class Fit(Solution, Estimates):
 
     def identifies(self, effect: Effect) -> bool:
         """Whether an amplitude of one of its model's effects is identifiable."""
-        own = effect.qualified(self.model.space)
-        return any(np.isfinite(self.parameters[p.name].std) for p in own if not p.nuisance)
+        parameters = effect.qualified(self.model.space)
+        return any(np.isfinite(self.parameters[p.name].std) for p in parameters if not p.nuisance)
 
     def linearised(self) -> LinearisedRows:
         """Whitened residual and derivative at the estimate."""
@@ -105,10 +105,10 @@ class Fit(Solution, Estimates):
         return [*super().printed(), self._chi_square_remark()]
 
     def _chi_square_remark(self) -> str:
-        found = self.reduced_chi_square
-        if found is None:
+        chi_square = self.reduced_chi_square
+        if chi_square is None:
             return "noise estimated from the residual itself; summary() tests whether the model fits"
-        return f"reduced chi-square {found:.3g}, 1 where the model fits; summary() tests it"
+        return f"reduced chi-square {chi_square:.3g}, 1 where the model fits; summary() tests it"
 
     @property
     def reduced_chi_square(self) -> float | None:
@@ -145,13 +145,13 @@ class Fit(Solution, Estimates):
 
     def response(self, number: int = 0) -> ModelResponse:
         """Prediction of one of the recordings."""
-        own = self.layout.models[number]
-        return model_response(own, self.recordings[number], self.theta[self.layout.index[number]])
+        model = self.layout.models[number]
+        return model_response(model, self.recordings[number], self.theta[self.layout.index[number]])
 
     def predicted_readings(self, number: int = 0) -> Array:
         """Predicted readings of one of the recordings, (n, p) in the channels' units; without a derivative."""
-        own = self.layout.models[number]
-        return predicted_readings(own, self.recordings[number], self.theta[self.layout.index[number]])
+        model = self.layout.models[number]
+        return predicted_readings(model, self.recordings[number], self.theta[self.layout.index[number]])
 
     @property
     def params(self) -> pd.DataFrame:
@@ -159,11 +159,11 @@ class Fit(Solution, Estimates):
 
         Few degrees of freedom, where little is known of the noise, make the interval wider than 1.96 std.
         """
-        found, ends = super().params, self.intervals()
-        found.insert(2, "freedom", ends.freedom)
-        found.insert(3, "low", ends.low)
-        found.insert(4, "high", ends.high)
-        return found
+        frame, ends = super().params, self.intervals()
+        frame.insert(2, "freedom", ends.freedom)
+        frame.insert(3, "low", ends.low)
+        frame.insert(4, "high", ends.high)
+        return frame
 
     def predict(self, recording: Recording | None = None) -> pd.DataFrame:
         """Predicted readings of a recording, by time and channel, as a data frame.
@@ -179,15 +179,16 @@ class Fit(Solution, Estimates):
         pandas.DataFrame
             Readings in N and N m, one row a sample: the index is the time in s, of static poses their number.
         """
-        require_recording(recording, "predict")
-        number = None if recording is None else self.number_of(recording)
+        if recording is not None:
+            require_recording(recording, "predict")
+        number = 0 if recording is None else self.number_of(recording)
         if recording is None or number is not None:
             return reading_frame(self.recordings[number or 0], self.predicted_readings(number or 0))
         return predicted_frame(self.model, self.values, recording)
 
     def number_of(self, recording: Recording) -> int | None:
         """Number of a recording among those of the fit; None of another."""
-        return next((i for i, own in enumerate(self.recordings) if own.is_reading_of(recording)), None)
+        return next((i for i, other in enumerate(self.recordings) if other.is_reading_of(recording)), None)
 
     @cached_property
     def residuals(self) -> tuple[Array, ...]:
@@ -196,8 +197,8 @@ class Fit(Solution, Estimates):
 
 
 def require_recording(given: object, where: str) -> None:
-    """InputError, in a sentence, for what is neither a recording nor None."""
-    if not isinstance(given, Recording | None):
+    """InputError, in a sentence, for what is no recording."""
+    if not isinstance(given, Recording):
         what = f"a recording is needed, not {kind_of(given)}"
         raise InputError(what=what, where=where, remedy="read it: tw.read(path), tw.from_dataframe(frame)")
 
@@ -324,8 +325,8 @@ def fit(
     >>> import truewrench as tw
     >>> rig = tw.Rig.read("rig.toml")
     >>> recording = tw.read("train.csv", rig=rig)
-    >>> found = tw.fit(tw.planar(rig) + tw.effects.named("viscous_drag"), recording)
-    >>> print(f"m = {found.values['m']:.2f} kg, c = {found.values['viscous_drag.c']:.2f} N s/m")
+    >>> fit = tw.fit(tw.planar(rig) + tw.effects.named("viscous_drag"), recording)
+    >>> print(f"m = {fit.values['m']:.2f} kg, c = {fit.values['viscous_drag.c']:.2f} N s/m")
     m = 0.90 kg, c = 0.15 N s/m
     >>> white = tw.NoiseModel.white([0.15, 0.25, 0.012])
     >>> type(tw.fit(tw.planar(rig), tw.chunks(recording, 1000), noise=white)).__name__
@@ -349,14 +350,17 @@ def fit_case(
     constraints: Constraints | None = None,
 ) -> Fit:
     """`fit` of a case."""
+    if noise is not None and len(noise) != len(case.recordings):
+        what = f"{len(noise)} noises of {len(case.recordings)} recordings"
+        raise InputError(what=what, where="noise", remedy="give one for each recording, in their order")
     layout = parameter_layout(case.model, case.recordings)
     require_known_start(start or (), case.model, layout.parameters)
     if constraints is not None:
         constraints.region(layout)  # raises before any work when they are invalid or infeasible
-    fitted = refit(case, noise=noise, start=start, constraints=constraints)
+    fitted = unchecked_fit(case, noise=noise, start=start, constraints=constraints)
     without_transients = noise_without_transients(fitted) if noise is None else None
     if without_transients is not None:
-        fitted = refit(case, noise=without_transients, start=fitted.values, constraints=constraints)
+        fitted = unchecked_fit(case, noise=without_transients, start=fitted.values, constraints=constraints)
     given = noise is not None or constraints is not None
     fitted = with_coloured_std(fitted) if given else with_ordinary_estimate(fitted)
     require_positive_fitted_mass(fitted)
@@ -385,7 +389,7 @@ def with_ordinary_estimate(fitted: Fit) -> Fit:
         ordinary=ordinary,
     )
     parts = zip(fitted.noise, fitted.recordings, estimated.residuals, strict=True)
-    noise = tuple(with_floor_of(own, recording, r) for own, recording, r in parts)
+    noise = tuple(with_floor_of(recording_noise, recording, r) for recording_noise, recording, r in parts)
     return replace(estimated, problem=fitted.problem.in_noise(noise))
 
 
@@ -410,19 +414,21 @@ def _whole_recordings(
     if executor is not None:
         what = "an executor needs the noise beforehand, as it processes each part independently"
         raise InputError(what=what, where="executor", remedy=remedy)
-    parts = given if isinstance(given, Recording | str) or hasattr(given, "columns") else _listed(given)
-    for part in parts if isinstance(parts, tuple) else ():
-        if isinstance(part, Chunk):
-            raise InputError(what="noise cannot be estimated from chunks", where=part.run, remedy=remedy)
-    return recordings_of(parts, "fit")  # type: ignore[arg-type]  # what is left is checked there
+
+    def refusing_chunks(parts: Iterable[object]) -> Iterator[object]:
+        """The parts one by one: the first chunk is refused before a log that is longer than memory is read on."""
+        for part in parts:
+            if isinstance(part, Chunk):
+                raise InputError(what="noise cannot be estimated from chunks", where=part.run, remedy=remedy)
+            yield part
+
+    whole: object = given
+    if not isinstance(whole, Recording | str | None) and not hasattr(whole, "columns"):
+        whole = refusing_chunks(whole if isinstance(whole, Iterable) else (whole,))
+    return recordings_of(whole, "fit")  # type: ignore[arg-type]  # what is left is checked there
 
 
-def _listed(given: object) -> object:
-    """What can be iterated as a tuple, which can be iterated again; anything else in one."""
-    return tuple(given) if isinstance(given, Iterable) else (given,)
-
-
-def refit(
+def unchecked_fit(
     case: Case,
     *,
     noise: Sequence[RecordingNoise] | None = None,
@@ -522,10 +528,11 @@ def _reestimated(fit: Fit, number: int) -> RecordingNoise:
 
 def residual_with_tones(fit: Fit, number: int) -> Array:
     """Residual (n, p) of a fit without its tone effects: noise estimation excludes tones itself."""
-    own = fit.layout.models[number]
+    model = fit.layout.models[number]
     index = fit.layout.index[number]
-    values = {p.name: fit.theta[i] for p, i in zip(own.parameters, index, strict=True)}
-    without_tones = replace(own, effects=tuple(e for e in own.effects if not e.has_role(Role.FREQUENCY, own.space)))
+    values = {p.name: fit.theta[i] for p, i in zip(model.parameters, index, strict=True)}
+    effects = tuple(e for e in model.effects if not e.has_role(Role.FREQUENCY, model.space))
+    without_tones = replace(model, effects=effects)
     theta = np.array([values[p.name] for p in without_tones.parameters])
     return np.asarray(fit.recordings[number].wrench - predicted_readings(without_tones, fit.recordings[number], theta))
 

@@ -74,9 +74,9 @@ class InputNoise:
         """
         remedy = "state the std of the signals, or record repeats"
         _require(recording.repeats > 1, "there are no repeats to estimate the motion's noise from", remedy, recording)
-        found = {name: _spread(recording, name) for name in unsmoothed(recording)}
-        found |= _turn_spread(recording) if _takes_quaternion(recording) else {}
-        kept = {name: rows for name, rows in found.items() if np.abs(rows).max() > REPEAT_ROUNDING}
+        spreads = {name: _spread(recording, name) for name in unsmoothed(recording)}
+        spreads |= _turn_spread(recording) if _takes_quaternion(recording) else {}
+        kept = {name: rows for name, rows in spreads.items() if np.abs(rows).max() > REPEAT_ROUNDING}
         _require(
             bool(kept), "every signal of its motion is smoothed: none is used as it was measured", remedy, recording
         )
@@ -95,8 +95,8 @@ class InputNoise:
 
 def unsmoothed(recording: Recording) -> tuple[str, ...]:
     """Columns of the motion that are signals as recorded, except for the average over repeats."""
-    own = (name for name in motion_columns(recording.form, recording.joints) if signal_unit(name))
-    return tuple(name for name in own if name in recording.columns and _is_average(recording, name))
+    signals = (name for name in motion_columns(recording.form, recording.joints) if signal_unit(name))
+    return tuple(name for name in signals if name in recording.columns and _is_average(recording, name))
 
 
 def _is_average(recording: Recording, name: str) -> bool:

@@ -59,9 +59,9 @@ class ModelResponse:
         value, derivative = self.periodic
         whole, columns = self.whole, self.columns
         if whole is not None:
-            known = list(range(derivative.shape[-1]) if columns is None else columns)
-            columns = tuple(place for place, position in enumerate(kept.tolist()) if position in known)
-            whole = whole[0], whole[1][..., [known.index(kept[place]) for place in columns]]
+            positions = list(range(derivative.shape[-1]) if columns is None else columns)
+            columns = tuple(place for place, position in enumerate(kept.tolist()) if position in positions)
+            whole = whole[0], whole[1][..., [positions.index(kept[place]) for place in columns]]
         return replace(self, periodic=(value, derivative[..., kept]), whole=whole, columns=columns)
 
 
@@ -87,8 +87,10 @@ def model_response(
     deflection, which is solved by iteration. Raises InputError when the recording lacks a signal that the model needs.
     """
     mean = motion_response(model, recording.motion, theta, derivative=derivative, tolerance=tolerance)
-    own = recording.own_motion
-    return mean if own is None else replace(mean, own_motion=_added(model, recording.motion, own, theta, mean))
+    own_motion = recording.own_motion
+    if own_motion is None:
+        return mean
+    return replace(mean, own_motion=_added(model, recording.motion, own_motion, theta, mean))
 
 
 def motion_response(
@@ -109,17 +111,17 @@ def motion_response(
         parts = stage.response(parts, record)
     once = motion.recorded.samples_per_repeat
     zero = (np.zeros((once, len(model.channels))), np.zeros((once, len(model.channels), k)))
-    nonperiodic = [part for part in parts if not part.periodic]
+    nonperiodic = [summand for summand in parts if not summand.periodic]
     columns = _columns_of(nonperiodic, k)
     return ModelResponse(
-        periodic=_sum([part for part in parts if part.periodic], tuple(range(k))) or zero,
+        periodic=_sum([summand for summand in parts if summand.periodic], tuple(range(k))) or zero,
         whole=_sum(nonperiodic, columns),
         repeats=motion.recorded.repeats,
         columns=columns,
     )
 
 
-def _added(model: WrenchModel, motion: Motion, own: Motion, theta: Array, mean: ModelResponse) -> Array:
+def _added(model: WrenchModel, motion: Motion, of_repeats: Motion, theta: Array, mean: ModelResponse) -> Array:
     """What each repeat's own motion adds to the response (n, p) to the mean motion.
 
     A motion that differs from repeat to repeat is in no steady state, and what came before the record is unknown: a
@@ -127,7 +129,7 @@ def _added(model: WrenchModel, motion: Motion, own: Motion, theta: Array, mean: 
     """
     if not compiled_prediction(model).instantaneous:
         mean = motion_response(model, motion, theta, derivative=False, steady=False)
-    return motion_response(model, own, theta, derivative=False, steady=False).value - mean.value
+    return motion_response(model, of_repeats, theta, derivative=False, steady=False).value - mean.value
 
 
 def readings_follow_repeats(base: WrenchModel, recording: Recording) -> bool:
@@ -137,8 +139,8 @@ def readings_follow_repeats(base: WrenchModel, recording: Recording) -> bool:
     If it was an error of the measured motion, the readings lack it (`is_separated`). True differences that are missed
     are noise then: they are small, or the same at all phases of the motion.
     """
-    motion, own = recording.motion, recording.motion.of_each_repeat
-    if own is None:
+    motion, of_repeats = recording.motion, recording.motion.of_each_repeat
+    if of_repeats is None:
         return False
     nothing = np.zeros(len(base.parameters))
     response = motion_response(base, motion, nothing)
@@ -148,14 +150,14 @@ def readings_follow_repeats(base: WrenchModel, recording: Recording) -> bool:
     rows = (response.derivative * weight[:, None]).reshape(-1, len(nothing))
     theta = np.asarray(np.linalg.lstsq(rows, (readings * weight).ravel(), rcond=None)[0], dtype=np.float64)
     mean = motion_response(base, motion, theta, derivative=False)
-    return is_separated(_added(base, motion, own, theta, mean), recording.wrench, recording.repeats)
+    return is_separated(_added(base, motion, of_repeats, theta, mean), recording.wrench, recording.repeats)
 
 
 def _columns_of(parts: Sequence[ResponsePart], count: int) -> tuple[int, ...]:
     """Positions of the parameters that any of the parts depends on."""
-    if any(part.columns is None for part in parts):
+    if any(summand.columns is None for summand in parts):
         return tuple(range(count))
-    return tuple(sorted({i for part in parts for i in part.columns or ()}))
+    return tuple(sorted({i for summand in parts for i in summand.columns or ()}))
 
 
 def _sum(parts: Sequence[ResponsePart], columns: tuple[int, ...]) -> tuple[Array, Array] | None:
@@ -169,13 +171,13 @@ def _sum(parts: Sequence[ResponsePart], columns: tuple[int, ...]) -> tuple[Array
         value[:], derivative[:] = first.value, first.derivative
     else:
         joined[:], others = 0.0, parts
-    for part in others:
-        value += part.value
-        if part.columns is None or part.columns == columns:
-            derivative += part.derivative
+    for summand in others:
+        value += summand.value
+        if summand.columns is None or summand.columns == columns:
+            derivative += summand.derivative
         else:
-            for place, i in enumerate(part.columns):
-                derivative[:, :, columns.index(i)] += part.derivative[:, :, place]
+            for place, i in enumerate(summand.columns):
+                derivative[:, :, columns.index(i)] += summand.derivative[:, :, place]
     return value, derivative
 
 

@@ -191,12 +191,12 @@ def detectable_noncentrality(freedom: Sequence[int], significance: Sequence[floa
     chi-square where the noise is known (`log_power_variance` (n,) zero), else F.
     """
     above, level = np.array(freedom, dtype=np.float64)[:, None], np.array(significance)[:, None]
-    known = log_power_variance <= 0
-    found = np.tile(noncentrality(chi2_isf(level, above), above, LEVELS.power), (1, len(known)))
-    if not known.all():
-        below = np.array([2 * inverse_trigamma(float(v)) for v in log_power_variance[~known]])
-        found[:, ~known] = f_noncentrality(f_isf(level, above, below), above, below, LEVELS.power)
-    return np.asarray(found)
+    is_known = log_power_variance <= 0
+    noncentralities = np.tile(noncentrality(chi2_isf(level, above), above, LEVELS.power), (1, len(is_known)))
+    if not is_known.all():
+        below = np.array([2 * inverse_trigamma(float(v)) for v in log_power_variance[~is_known]])
+        noncentralities[:, ~is_known] = f_noncentrality(f_isf(level, above, below), above, below, LEVELS.power)
+    return np.asarray(noncentralities)
 
 
 def effective_number_of_tests(noise_scores: Array, rank: int) -> float:

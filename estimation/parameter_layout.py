@@ -20,13 +20,13 @@ Array = NDArray[np.float64]
 
 def require_known_start(start: Iterable[str], model: WrenchModel, unknowns: Iterable[Parameter]) -> None:
     """Raise InputError for the first initial value of no unknown; biases of other recordings (`bias_fx@name`) pass."""
-    known = [p.name for p in unknowns]
+    names = [p.name for p in unknowns]
     biases = {p.name for p in model.biases}
     for name in start:
         label, _, recording = name.partition("@")
-        if name not in known and not (recording and label in biases):
+        if name not in names and not (recording and label in biases):
             what = f"no parameter is called {quoted(name)}"
-            raise InputError(what=what, where="start", remedy=suggestion(name, known))
+            raise InputError(what=what, where="start", remedy=suggestion(name, names))
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,9 +49,9 @@ class ParameterLayout:
         """The number of unknowns."""
         return len(self.parameters)
 
-    def values_of(self, number: int, known: Mapping[str, float]) -> Array:
+    def values_of(self, number: int, values: Mapping[str, float]) -> Array:
         """Parameters (k,) of a recording's model from values of unknowns by name; nominal where there is none."""
-        return np.array([known.get(self.parameters[i].name, self.parameters[i].nominal) for i in self.index[number]])
+        return np.array([values.get(self.parameters[i].name, self.parameters[i].nominal) for i in self.index[number]])
 
 
 def parameter_layout(model: WrenchModel, recordings: Sequence[Recording]) -> ParameterLayout:
@@ -62,16 +62,16 @@ def parameter_layout(model: WrenchModel, recordings: Sequence[Recording]) -> Par
     labels = [name if names.count(name) == 1 else f"{name}#{i}" for i, name in enumerate(names)]
     models, index = [], []
     for number in range(len(recordings)):
-        own = model
+        reduced = model
         for effect_id, home in homes.items():
-            own = own if home == number else own.without(effect_id)
+            reduced = reduced if home == number else reduced.without(effect_id)
         place = {p.name: i for i, p in enumerate(model.parameters)}
         if number:
             for bias in model.biases:
                 place[bias.name] = len(unknowns)
                 unknowns.append(Parameter(name=f"{bias.name}@{labels[number]}", unit=bias.unit, nominal=bias.nominal))
-        models.append(own)
-        index.append(np.array([place[p.name] for p in own.parameters], dtype=np.intp))
+        models.append(reduced)
+        index.append(np.array([place[p.name] for p in reduced.parameters], dtype=np.intp))
     return ParameterLayout(model, tuple(unknowns), tuple(models), tuple(index))
 
 

@@ -108,13 +108,13 @@ class PoseAdvice(Tabular):
     def sentences(self) -> list[str]:
         """The advice as sentences."""
         never = ", ".join(self.never)
-        found = [f"Not identifiable from static poses, only from motion: {never}."] if never else []
+        advice = [f"Not identifiable from static poses, only from motion: {never}."] if never else []
         count = len(self.chosen)
         if self.complete:
-            found.append("All that static poses can identify is identifiable from the recorded poses.")
-            return [*found, "The most informative further pose:"]
+            advice.append("All that static poses can identify is identifiable from the recorded poses.")
+            return [*advice, "The most informative further pose:"]
         needed = "One more pose is" if count == 1 else f"{count} more poses are"
-        return [*found, f"{needed} needed for {', '.join(self.missing)}, for example:"]
+        return [*advice, f"{needed} needed for {', '.join(self.missing)}, for example:"]
 
     @property
     def pose_table(self) -> Table:
@@ -130,9 +130,9 @@ class PoseAdvice(Tabular):
     @property
     def table(self) -> Table:
         """Name, std now, std with the chosen poses, and unit of what static poses can identify."""
-        known = [p for p in self.fit.layout.parameters if p.name not in self.never]
+        identifiable = [p for p in self.fit.layout.parameters if p.name not in self.never]
         stds = (Column(n, format=".2g", unknown=NOT_IDENTIFIABLE) for n in ("std now", "std with these poses"))
-        rows = [(p.name, self.before[p.name], self.after[p.name], p.unit) for p in known]
+        rows = [(p.name, self.before[p.name], self.after[p.name], p.unit) for p in identifiable]
         return Table.of(("parameter", *stds, "unit"), rows)
 
     def printed(self) -> list[Table | str]:

@@ -27,9 +27,6 @@ from modeling.significance import LEVELS
 from modeling.space import Space
 from modeling.table import Column, Table, Tabular, Value
 
-# Systematic and random part of repeated errors, from the variance of runs and of their average.
-
-
 Array = NDArray[np.float64]
 
 
@@ -121,9 +118,6 @@ class VarianceComponents:
     def gain(self) -> float:
         """V1 / VR, the variance reduction by averaging; infinite for VR = 0, 1 when all runs are identical."""
         return self.single / self.average if self.average > 0 else float("inf" if self.single > 0 else 1.0)
-
-
-# Error statistics of one series over the repeats, and the noise gain of averaging.
 
 
 FREQUENCY_OVERSAMPLING = 4
@@ -283,8 +277,8 @@ class RepeatTable(Tabular):
     >>> import truewrench as tw
     >>> rig = tw.Rig.read("rig.toml")
     >>> fit = tw.fit(tw.planar(rig) + tw.effects.named("viscous_drag"), tw.read("train.csv", rig=rig))
-    >>> found = tw.RepeatTable.of(fit)
-    >>> [(row.name, len(row.means), f"{row.averaging.noise:.2f} {row.unit}") for row in found.readings]
+    >>> table = tw.RepeatTable.of(fit)
+    >>> [(row.name, len(row.means), f"{row.averaging.noise:.2f} {row.unit}") for row in table.readings]
     [('fx', 8, '0.15 N'), ('fy', 8, '0.25 N'), ('tau', 8, '0.01 N m')]
     """
 
@@ -335,8 +329,8 @@ class RepeatTable(Tabular):
         whole = (v for row in self.readings for v in (row.average_mean, row.averaging.average))
         lines.append((f"average of {runs}", *whole))
         for name in dict.fromkeys(row.recording for row in self.validation):
-            own = [row for row in self.validation if row.recording == name]
-            lines.append((name, *(v for row in own for v in (row.mean, row.variance))))
+            rows = [row for row in self.validation if row.recording == name]
+            lines.append((name, *(v for row in rows for v in (row.mean, row.variance))))
         return Table.of(("recording", *(Column(name, format=".4g") for name in names)), lines)
 
     def remarks(self) -> list[str]:
@@ -377,7 +371,7 @@ def motion_error_rows(recording: Recording) -> tuple[ErrorStatistics, ...]:
     linear = {f"{prefix}{joint}" for prefix in ("q", "dq", "ddq") for joint in prismatic}
     units = {name: signal_unit(name) or "1" for name in errors}  # 1 of a quaternion
     units |= {name: units[name].replace("rad", "m") for name in linear & set(errors)}
-    return tuple(ErrorStatistics.of(name, units[name], own) for name, own in errors.items())
+    return tuple(ErrorStatistics.of(name, units[name], series) for name, series in errors.items())
 
 
 def _motion_error(recording: Recording, name: str) -> Array:
@@ -401,6 +395,6 @@ def validation_rows(fit: Fit, number: int, other: Recording) -> tuple[Validation
     error = other.wrench - predicted_readings(model, other, np.array([values[p.name] for p in model.parameters]))
     units = Space(other.dimension).units
     return tuple(
-        ValidationRow(other.name, c, unit, float(own.mean()), float(own.var()))
-        for c, unit, own in zip(other.channels, units, error.T, strict=True)
+        ValidationRow(other.name, c, unit, float(errors.mean()), float(errors.var()))
+        for c, unit, errors in zip(other.channels, units, error.T, strict=True)
     )

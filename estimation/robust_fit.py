@@ -11,7 +11,7 @@ from scipy.fft import dct, idct
 
 from estimation.case import Case
 from estimation.confidence_intervals import Intervals, intervals
-from estimation.fit import Fit, refit, require_positive_fitted_mass
+from estimation.fit import Fit, recordings_of, require_positive_fitted_mass, unchecked_fit
 from estimation.least_squares.estimates import PARAMETER_COLUMNS, Estimate
 from estimation.multiplicity import normal_isf
 from estimation.noise.power_spectrum import MIN_ORDINATES, power_levels, smooth_power_spectra
@@ -19,13 +19,10 @@ from estimation.noise.recording_noise import RecordingNoise, sample_step
 from estimation.parameter_layout import parameter_layout, require_known_start
 from estimation.recordings.recording import Recording
 from estimation.robust_loss import Huber, Loss
-from modeling.chain.model import WrenchModel
+from modeling.chain.model import WrenchModel, require_model
 from modeling.noise import NoiseSource
 from modeling.significance import LEVELS
 from modeling.table import Column, Table, Tabular, Value
-
-# Outliers in coloured noise: samples that a robust loss separates by their prediction error from neighbours.
-
 
 Array = NDArray[np.float64]
 
@@ -184,33 +181,33 @@ def separate_outliers(
     *,
     before: Outliers | None = None,
     held: bool = False,
-    known: Array | None = None,
+    stated: Array | None = None,
 ) -> Outliers:
     """Separate a residual (n, p) into noise and outliers, starting at `before`, that of a similar residual.
 
-    `held` keeps the noise spectrum of `before`. `known` is the noise's std (p,) where the rig states it: white noise,
+    `held` keeps the noise spectrum of `before`. `stated` is the noise's std (p,) where the rig states it: white noise,
     nothing is estimated.
     """
     runs = _by_runs(recording, residual)
-    if known is not None:
+    if stated is not None:
         precision = InverseCovarianceFilter(np.ones(runs.shape[1:]))
     elif before is not None and held:
         precision = before.precision
     else:
         undisturbed = residual if before is None else residual - before.residual + before.undisturbed
         precision = inverse_covariance_filter(recording, _by_runs(recording, undisturbed))
-    part = np.zeros_like(runs) if before is None else _by_runs(recording, before.part)
+    outlying = np.zeros_like(runs) if before is None else _by_runs(recording, before.part)
     rounds = MAX_ITERATIONS
     while True:
-        distance = part + precision.prediction_error(runs - part)
-        scale = known if known is not None else STD_PER_MAD * np.median(np.abs(distance), axis=(0, 1))
+        distance = outlying + precision.prediction_error(runs - outlying)
+        scale = stated if stated is not None else STD_PER_MAD * np.median(np.abs(distance), axis=(0, 1))
         scale = np.maximum(scale, 1e-12 * np.abs(residual).max(initial=1e-288))
-        step = distance - scale * loss.psi(distance / scale) - part
-        part, rounds = part + precision.damping * step, rounds - 1
+        step = distance - scale * loss.psi(distance / scale) - outlying
+        outlying, rounds = outlying + precision.damping * step, rounds - 1
         if not rounds or (np.abs(step) <= OUTLIER_TOLERANCE * scale).all():
             break
-    part, distance = (series.reshape(residual.shape) for series in (part, distance / scale))
-    return Outliers(recording, loss, precision, residual, part, distance, scale)
+    outlying, distance = (series.reshape(residual.shape) for series in (outlying, distance / scale))
+    return Outliers(recording, loss, precision, residual, outlying, distance, scale)
 
 
 def _by_runs(recording: Recording, series: Array) -> Array:
@@ -220,6 +217,7 @@ def _by_runs(recording: Recording, series: Array) -> Array:
 
 
 MAX_ROUNDS = 40
+"""Of outliers and parameters in turn, at most; a fit that takes more says so."""
 NOISE_REESTIMATION_ROUNDS = 4
 """Rounds with noise re-estimation: one for outliers, one for the spectrum, two to settle. Then it is fixed."""
 PARAMETER_TOLERANCE = 0.01
@@ -269,7 +267,7 @@ class RobustFit(Tabular):
     @property
     def outlier_table(self) -> Table:
         """Share downweighted, and the significant outliers, of each channel of each recording."""
-        return Table.of(OUTLIER_COLUMNS, [row for own in self.outliers for row in own.rows()])
+        return Table.of(OUTLIER_COLUMNS, [row for outliers in self.outliers for row in outliers.rows()])
 
     def printed(self) -> list[Table | str]:
         """Parameters, then outliers."""
@@ -326,18 +324,18 @@ def robust_fit(
     >>> import truewrench as tw
     >>> rig = tw.Rig.read("rig.toml")
     >>> model = tw.planar(rig) + tw.effects.named("viscous_drag")
-    >>> found = tw.robust_fit(model, tw.read("train.csv", rig=rig))
-    >>> found.converged, round(found.values["m"], 2), round(found.plain.values["m"], 2)
+    >>> robust = tw.robust_fit(model, tw.read("train.csv", rig=rig))
+    >>> robust.converged, round(robust.values["m"], 2), round(robust.plain.values["m"], 2)
     (True, 0.9, 0.9)
     """
-    several = (recordings,) if isinstance(recordings, Recording) else tuple(recordings)
-    return robust_fit_case(Case.of(model, several), loss=loss, start=start)
+    require_model(model, "robust_fit")
+    return robust_fit_case(Case.of(model, recordings_of(recordings, "robust_fit")), loss=loss, start=start)
 
 
 def robust_fit_case(case: Case, *, loss: Loss | None = None, start: Mapping[str, float] | None = None) -> RobustFit:
     """`robust_fit` of a case."""
     require_known_start(start or (), case.model, parameter_layout(case.model, case.recordings).parameters)
-    robust = _iterated(refit(case, start=start), loss or Huber())
+    robust = _iterated(unchecked_fit(case, start=start), loss or Huber())
     require_positive_fitted_mass(robust.fit)
     return robust
 
@@ -349,7 +347,7 @@ def _iterated(plain: Fit, loss: Loss) -> RobustFit:
     for number in range(MAX_ROUNDS):
         cleaned = tuple(r.with_readings(r.wrench - o.part) for r, o in zip(plain.recordings, outliers, strict=True))
         noise = fitted.noise if number >= NOISE_REESTIMATION_ROUNDS else None
-        before, fitted = fitted, refit(Case(plain.model, cleaned), noise=noise, start=fitted.values)
+        before, fitted = fitted, unchecked_fit(Case(plain.model, cleaned), noise=noise, start=fitted.values)
         outliers = _outliers(plain, fitted, loss, outliers, noise is not None)
         std = np.sqrt(np.diag(fitted.covariance))
         change = float(
@@ -366,13 +364,13 @@ def _outliers(
     plain: Fit, fitted: Fit, loss: Loss, before: Sequence[Outliers] | None = None, held: bool = False
 ) -> tuple[Outliers, ...]:
     """Outliers of every recording about a fit, the noise spectrum `held` from `before` where asked."""
-    found = []
+    outliers = []
     for number, (recording, noise) in enumerate(zip(plain.recordings, plain.noise, strict=True)):
         residual = recording.wrench - fitted.predicted_readings(number)
         earlier = None if before is None else before[number]
-        known = noise.floor if noise.source is NoiseSource.RIG else None
-        found.append(separate_outliers(recording, residual, loss, before=earlier, held=held, known=known))
-    return tuple(found)
+        stated = noise.floor if noise.source is NoiseSource.RIG else None
+        outliers.append(separate_outliers(recording, residual, loss, before=earlier, held=held, stated=stated))
+    return tuple(outliers)
 
 
 def _influence(fitted: Fit, outliers: Sequence[Outliers]) -> Array:
@@ -381,22 +379,22 @@ def _influence(fitted: Fit, outliers: Sequence[Outliers]) -> Array:
     scale = np.linalg.norm(derivative, axis=0)
     scale[scale == 0] = 1.0
     unit, inverse = derivative / scale, fitted.covariance * np.outer(scale, scale)
-    cleaned = np.concatenate([_cleaned_sensitivity(fitted, number, own) for number, own in enumerate(outliers)]) / scale
-    std = np.concatenate([_cleaned_noise_std(noise, own) for noise, own in zip(fitted.noise, outliers, strict=True)])
+    cleaned = np.concatenate([_cleaned_sensitivity(fitted, number, o) for number, o in enumerate(outliers)]) / scale
+    std = np.concatenate([_cleaned_noise_std(noise, o) for noise, o in zip(fitted.noise, outliers, strict=True)])
     return np.asarray(std * unit @ (np.linalg.pinv(inverse @ unit.T @ cleaned) @ inverse).T / scale)
 
 
-def _cleaned_sensitivity(fitted: Fit, number: int, own: Outliers) -> Array:
+def _cleaned_sensitivity(fitted: Fit, number: int, outliers: Outliers) -> Array:
     """W J X of one recording: sensitivity (rows, k) of its cleaned, whitened rows."""
-    cleaned = fitted.noise[number].whitener.series(own.linearised(fitted.response(number).derivative))
+    cleaned = fitted.noise[number].whitener.series(outliers.linearised(fitted.response(number).derivative))
     rows = np.zeros((len(cleaned), fitted.layout.size))
     rows[:, fitted.layout.index[number]] = cleaned
     return rows
 
 
-def _cleaned_noise_std(noise: RecordingNoise, own: Outliers) -> Array:
+def _cleaned_noise_std(noise: RecordingNoise, outliers: Outliers) -> Array:
     """Std (rows, 1) of whitened cleaned noise: 1, or less for noise that the rig states, which cleaning reduces."""
     if noise.source is not NoiseSource.RIG:
         return np.ones((noise.whitener.rows, 1))
-    std = np.sqrt((own.loss.psi(own.distance) ** 2).mean(axis=0))
+    std = np.sqrt((outliers.loss.psi(outliers.distance) ** 2).mean(axis=0))
     return np.tile(std, noise.whitener.rows // len(std))[:, None]

@@ -24,7 +24,9 @@ def cut(text: object) -> str:
 
 
 def kind_of(given: object) -> str:
-    """The class of what was given, with its article: `a str`, `an int`."""
+    """The class of what was given, with its article: `a str`, `an int`; None as it is."""
+    if given is None:
+        return "None"
     name = type(given).__name__
     return f"{'an' if name[0] in 'aeioAEIO' else 'a'} {name}"
 

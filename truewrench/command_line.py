@@ -37,7 +37,7 @@ COMMANDS = {
     "effects": command_parsers.effects,
     "workbench": command_parsers.workbench,
 }
-"""Arguments of each command; what it does is the function `run` of the module of that name in `truewrench.commands`."""
+"""Arguments of each command; what it does is `run` of the module in `truewrench.commands` that is called alike."""
 PRINTING = ("emit", "effects")
 """Commands whose text is what was asked for: --quiet has no meaning there."""
 EXIT_BAD_INPUT = 2

@@ -70,7 +70,8 @@ class Criterion(ABC):
     Every member is the logarithm of a positively homogeneous mean of M (Pukelsheim, Optimal Design of Experiments,
     chapter 5), times its `degree`: value(c M) = value(M) + degree ln c. So a difference of values does not depend on
     units: exp(difference / degree) is the factor in the number of measurements that makes up for it.
-    A member is its `expression`; value, gradient and graph are compiled from it.
+    A member is its `expression`; value, gradient and graph are compiled from it, once for each member: it can be
+    hashed, as a frozen dataclass is, one with arrays by `eq=False`.
     """
 
     name: ClassVar[str]

@@ -367,8 +367,8 @@ def _require_fits_and_recordings(fit: object, recording: object, more: tuple[obj
     for one in fits:
         if not isinstance(one, EstimatedModel):
             raise InputError(what=f"{kind_of(one)} is no fit", where="compare", remedy=remedy)
-    given = recording if isinstance(recording, list | tuple) else (recording,)
-    for each in given:
+    several = recording if isinstance(recording, list | tuple) else () if recording is None else (recording,)
+    for each in several:
         require_recording(each, "compare")
 
 

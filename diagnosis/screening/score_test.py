@@ -17,7 +17,7 @@ from diagnosis.screening.null_model import ScreeningCache
 from diagnosis.screening.projection import PointTest, ProjectedColumns
 from diagnosis.screening.whitened_sensitivity import GridPoint
 from estimation.case import Case
-from estimation.fit import Fit, refit
+from estimation.fit import Fit, unchecked_fit
 from estimation.model_response import missing_inputs
 from estimation.multiplicity import (
     bonferroni_level,
@@ -344,7 +344,7 @@ def model_initial_values(case: Case) -> NuisanceValues:
     if not searched:
         return {}
     values: NuisanceValues = {}
-    fitted = refit(replace(case, model=model.base))
+    fitted = unchecked_fit(replace(case, model=model.base))
     for effect in model.effects:
         cache = ScreeningCache()
         (screening,) = screen(fitted, [effect], cache=cache)

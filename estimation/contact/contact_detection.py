@@ -16,9 +16,6 @@ from estimation.noise.transient_windows import Windows, cumulative_sums, inside,
 from modeling.noise import NoiseModel, block_means
 from modeling.significance import LEVELS
 
-# Variance of means of coloured noise, from an autoregression or from differences of successive means.
-
-
 Array = NDArray[np.float64]
 
 NORMAL_QUARTILE = float(normal_isf(0.375))
@@ -234,11 +231,11 @@ def detect_contacts(
     means = blocks.means
     search = ContactSearch(means, remainder**2, false_alarms)
     states = [search.converged(start) for start in search.starts(floor**2 / blocks.size)]
-    noise, quiet, found = max(states, key=lambda s: (bool(s.found), s.quiet.sum()))
+    noise, quiet, intervals = max(states, key=lambda s: (bool(s.intervals), s.quiet.sum()))
     guarded = blocks.samples(binary_erosion(quiet, iterations=GUARD_BLOCKS, border_value=1))
     if zero is not None:  # contact-free about its own mean need not be free about the given zero
-        found = search.state(quiet, zero).found
-        quiet = _outside(found, np.zeros(len(means), dtype=bool))
+        intervals = search.state(quiet, zero).intervals
+        quiet = _outside(intervals, np.zeros(len(means), dtype=bool))
     free = guarded if zero is None else blocks.samples(quiet)
     return ContactDetection(
         zero=residual[guarded].mean(axis=0) if zero is None else zero,
@@ -247,7 +244,7 @@ def detect_contacts(
         covariance=np.cov(residual[guarded].T) if guarded.sum() > 10 * len(floor) else np.diag(floor**2),
         noise=noise,
         block=blocks.size,
-        intervals=tuple(_in_samples(i, blocks, len(means)) for i in found),
+        intervals=tuple(_in_samples(i, blocks, len(means)) for i in intervals),
         false_alarms=false_alarms,
     )
 
@@ -261,11 +258,11 @@ def _in_samples(interval: ContactInterval, blocks: BlockMeans, count: int) -> Co
 
 
 class DetectionState(NamedTuple):
-    """The noise about a zero, the quiet blocks (b,) that both are estimated from, and the intervals found."""
+    """The noise about a zero, the quiet blocks (b,) that both are estimated from, and the intervals of contact."""
 
     noise: VarianceOfMeans
     quiet: SampleMask
-    found: tuple[ContactInterval, ...]
+    intervals: tuple[ContactInterval, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -326,7 +323,7 @@ class ContactSearch:
         """The fixed point: the state whose quiet blocks are those outside its intervals."""
         state = self.state(quiet)
         for _ in range(DETECTION_ROUNDS):
-            remaining = _outside(state.found, state.quiet)
+            remaining = _outside(state.intervals, state.quiet)
             if (remaining == state.quiet).all():
                 break
             state = self.state(remaining)
@@ -415,17 +412,17 @@ def _refined_intervals(
     significant: tuple[ContactInterval, ...], candidates: tuple[ContactInterval, ...]
 ) -> tuple[ContactInterval, ...]:
     """Candidate intervals that overlap a significant one, with its p-value."""
-    found = []
+    refined = []
     for interval in candidates:
         overlapping = [s.p_value for s in significant if s.first < interval.last and s.last > interval.first]
         if overlapping:
-            found.append(replace(interval, p_value=min(overlapping)))
-    return tuple(found)
+            refined.append(replace(interval, p_value=min(overlapping)))
+    return tuple(refined)
 
 
-def _outside(found: tuple[ContactInterval, ...], quiet: SampleMask) -> SampleMask:
+def _outside(intervals: tuple[ContactInterval, ...], quiet: SampleMask) -> SampleMask:
     """Blocks outside all intervals; `quiet` unchanged where fewer than 2 % would remain."""
-    outside = ~inside([(i.first, i.last) for i in found], len(quiet))
+    outside = ~inside([(i.first, i.last) for i in intervals], len(quiet))
     return outside if outside.sum() > 0.02 * len(outside) else quiet
 
 

@@ -34,9 +34,6 @@ from modeling.rigid_body import contact_components
 from modeling.space import signals
 from modeling.table import Table, Tabular
 
-# Savitzky-Golay filter: value, rate and acceleration in the middle of a moving window (Savitzky and Golay, 1964).
-
-
 Array = NDArray[np.float64]
 
 DERIVATIVE_COUNT = 3
@@ -239,12 +236,12 @@ class RowSignals:
         candidates = (ColumnDerivative(column, order) for column in self.columns for order in range(3))
         derivatives = tuple(d for d in candidates if d.symbol.name in needed)
         values = ca.SX.sym("derivatives", len(derivatives))
-        known = {d.symbol: values[i] for i, d in enumerate(derivatives)}
+        expressions = {d.symbol: values[i] for i, d in enumerate(derivatives)}
         if self.arm is not None and needs_kinematics:
-            state = ca.vertcat(*(known[sp.Symbol(name, real=True)] for name in self._joint_state))
+            state = ca.vertcat(*(expressions[sp.Symbol(name, real=True)] for name in self._joint_state))
             motion = self.arm.function(*ca.vertsplit(state, self.arm.joints))
-            known |= dict(zip(signals(*self.arm.names), ca.vertsplit(motion), strict=True))
-        return derivatives, values, casadi_expressions(known, [self.signals[name] for name in names])
+            expressions |= dict(zip(signals(*self.arm.names), ca.vertsplit(motion), strict=True))
+        return derivatives, values, casadi_expressions(expressions, [self.signals[name] for name in names])
 
     def _require(self, names: Sequence[str], model: WrenchModel) -> None:
         missing = [name for name in names if name not in self.signals]
@@ -281,14 +278,16 @@ class RowSignals:
 
 def _derived(columns: Sequence[str], *groups: Sequence[str]) -> dict[str, sp.Expr]:
     """Value, rate and acceleration named in the groups: as recorded, or derived from the highest recorded order."""
-    found: dict[str, sp.Expr] = {}
+    derivatives: dict[str, sp.Expr] = {}
     source: tuple[int, Sequence[str]] | None = None
     for order, names in enumerate(groups):
         if all(name in columns for name in names):
             source = order, names
         if source is not None:
-            found |= {n: ColumnDerivative(c, order - source[0]).symbol for n, c in zip(names, source[1], strict=True)}
-    return found
+            derivatives |= {
+                n: ColumnDerivative(c, order - source[0]).symbol for n, c in zip(names, source[1], strict=True)
+            }
+    return derivatives
 
 
 def _joint_signals(columns: Sequence[str], arm: Arm) -> SignalExpressions:

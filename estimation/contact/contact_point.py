@@ -12,9 +12,6 @@ from estimation.contact.contact_wrench import std_along
 from modeling.errors import InputError
 from modeling.table import Column, Table, Tabular
 
-# Known surfaces of a tool in the sensor frame: sphere, plane, capsule.
-
-
 Array = NDArray[np.float64]
 
 
@@ -327,8 +324,8 @@ def contact_point(wrench: Array, covariance: Array, surface: Surface) -> Contact
     >>> import truewrench as tw
     >>> covariance = [[1e-4 * (i == j) for j in range(6)] for i in range(6)]
     >>> finger = tw.Capsule(start=(0, 0, 0), end=(0, 0, 0.2), radius=0.01)
-    >>> found = tw.contact_point([[0, -5, 0, 0.5, 0, 0]], covariance, finger)  # from +y, 0.1 m along the finger
-    >>> [round(float(x), 3) + 0 for x in found.point[0]]
+    >>> contact = tw.contact_point([[0, -5, 0, 0.5, 0, 0]], covariance, finger)  # from +y, 0.1 m along the finger
+    >>> [round(float(x), 3) + 0 for x in contact.point[0]]
     [0.0, 0.01, 0.1]
     """
     wrench = np.asarray(wrench, dtype=float)
@@ -374,16 +371,16 @@ def _covariance(point: Array, wrench: Array, covariance: Array, surface: Surface
         [[-[f], f], [n', 0]] (dr, dh) = -[[[r] + h 1, -1], [0, 0]] (df, dt),
     whose left side is regular unless the force is tangential, f . n = 0.
     """
-    found = np.isfinite(point).all(axis=1)
+    has_point = np.isfinite(point).all(axis=1)
     result = np.full((len(point), 3, 3), np.nan)
-    r, f, t = point[found], wrench[found, :3], wrench[found, 3:]
+    r, f, t = point[has_point], wrench[has_point, :3], wrench[has_point, 3:]
     pitch = np.sum(f * t, axis=1) / np.sum(f * f, axis=1)
     left, right = np.zeros((len(r), 4, 4)), np.zeros((len(r), 4, 6))
     left[:, :3, :3], left[:, :3, 3], left[:, 3, :3] = -_cross(f), f, surface.outward(r)
     right[:, :3, :3] = -_cross(r) - pitch[:, None, None] * np.eye(3)
     right[:, :3, 3:] = np.eye(3)
     slope = np.linalg.solve(left, right)[:, :3]
-    result[found] = slope @ covariance[found] @ slope.transpose(0, 2, 1)
+    result[has_point] = slope @ covariance[has_point] @ slope.transpose(0, 2, 1)
     return result
 
 

@@ -39,12 +39,6 @@ from modeling.significance import LEVELS
 from modeling.space import FORCE_UNIT, Space
 from modeling.table import Column, Table, Tabular
 
-# Planar contact wrench as one force at a known point of the tip, by 22.14 to 22.16 corrected.
-#
-# Equation numbers: chapter 22, "Characterization of the Dynamical Model of a Force Sensor for Robot Manipulators"
-# (Bassi et al.).
-
-
 Array = NDArray[np.float64]
 
 
@@ -113,12 +107,6 @@ class PointForce:
 def std_along(covariance: Array, direction: Array) -> Array:
     """Standard deviations (n,) along directions (n, d) of vectors with covariances (n, d, d)."""
     return np.asarray(np.sqrt(np.einsum("ni,nij,nj->n", direction, covariance, direction)))
-
-
-# Mean contact wrench over an interval, with covariance, and the test whether a force at the tip explains it.
-#
-# Equation numbers: chapter 22, "Characterization of the Dynamical Model of a Force Sensor for Robot Manipulators"
-# (Bassi et al.).
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,9 +201,6 @@ class ContactSeries:
         return float(noise.covariance(min(blocks, len(means)))[0, 0])
 
 
-# Fitted model reduced to what compensation needs.
-
-
 SEGMENTS_PER_RUN = 50
 """Segments of a single run whose means estimate the slow part of its residual; each averages the sensor's noise."""
 
@@ -269,7 +254,7 @@ class CalibratedModel:
 
     @property
     def known(self) -> NDArray[np.bool_]:
-        """Which parameters (k,) were identifiable."""
+        """Which parameters (k,) were identifiable, or fixed."""
         return np.isfinite(np.diag(self.covariance))
 
 
@@ -476,15 +461,15 @@ class ContactWrench(Tabular):
 
     def _contradictions(self) -> list[str]:
         """One sentence about the contacts that a force at the tip does not explain, if there are any."""
-        found = self.unexplained_by_tip_force
-        if not found:
+        means = self.unexplained_by_tip_force
+        if not means:
             return []
         unit = "" if self.recording.at_rest else " s"
-        start = ", ".join(f"{self.time_of(m.interval.first):.3f}" for m in found) + unit
-        p_value = plain_number(max(m.tip_p_value for m in found), P_VALUE)
+        start = ", ".join(f"{self.time_of(m.interval.first):.3f}" for m in means) + unit
+        p_value = plain_number(max(m.tip_p_value for m in means), P_VALUE)
         p_value = f"p {p_value}" if p_value.startswith("<") else f"p = {p_value}"
         return [
-            f"A force at the tip does not explain the contact{'s' * (len(found) > 1)} from {start} on ({p_value}):"
+            f"A force at the tip does not explain the contact{'s' * (len(means) > 1)} from {start} on ({p_value}):"
             " the contact is elsewhere or exerts a torque; read fcx, fcy and tauc, not the force at the tip."
         ]
 
@@ -566,47 +551,50 @@ def compensate(
     [(1.5, 2.5), (6.5, 7.5), (11.5, 12.5), (16.5, 17.5)]
     """
     _require_order(fitted, recording)
-    known = _calibration(fitted).without_recording_specific
-    recording = prepared(recording, known.model)
-    response = model_response(known.model, recording, known.theta)
-    gain, slopes = contact_gain_at(known.model, known.theta)
-    biases = np.arange(len(known.model.biases))
+    calibration = _calibration(fitted).without_recording_specific
+    recording = prepared(recording, calibration.model)
+    response = model_response(calibration.model, recording, calibration.theta)
+    gain, slopes = contact_gain_at(calibration.model, calibration.theta)
+    biases = np.arange(len(calibration.model.biases))
     residual = recording.wrench - response.value
-    found = detect_contacts(
+    detection = detect_contacts(
         residual,
         recording.dt,
-        floor=known.floor,
-        remainder=known.remainder,
+        floor=calibration.floor,
+        remainder=calibration.remainder,
         zero=np.zeros(len(biases)) if keep_zero else None,
         false_alarms=false_alarms,
     )
     inverse = np.linalg.inv(gain)
-    wrench = (residual - found.zero) @ inverse.T
+    wrench = (residual - detection.zero) @ inverse.T
     tangent = response.derivative
     if not keep_zero:
-        tangent = tangent - tangent[found.free].mean(axis=0)
+        tangent = tangent - tangent[detection.free].mean(axis=0)
     # From reading = value(theta) + gain(theta) contact: d contact = -gain^-1 (d value + d gain contact).
     tangent = -np.einsum("ij,njk->nik", inverse, tangent + np.einsum("ijk,nj->nik", slopes, wrench))
-    unidentifiable = np.abs(tangent[:, :, ~known.known]).max(axis=(0, 1), initial=0.0)
-    tangent, covariance = tangent[:, :, known.known], known.covariance[np.ix_(known.known, known.known)]
+    is_known = calibration.known
+    unidentifiable = np.abs(tangent[:, :, ~is_known]).max(axis=(0, 1), initial=0.0)
+    tangent, covariance = tangent[:, :, is_known], calibration.covariance[np.ix_(is_known, is_known)]
     systematic = np.einsum("nik,kl,njl->nij", tangent, covariance, tangent, optimize=True)
     return ContactWrench(
         recording=recording,
-        calibration=known,
-        detection=found,
+        calibration=calibration,
+        detection=detection,
         wrench=wrench,
-        noise=inverse @ found.covariance @ inverse.T,
-        systematic_covariance=systematic + inverse @ found.zero_covariance @ inverse.T,
-        zero_shift=found.zero,
-        group_delay=group_delay(known.model, known.theta),
-        unknown=_unidentified_parameters(known, unidentifiable),
+        noise=inverse @ detection.covariance @ inverse.T,
+        systematic_covariance=systematic + inverse @ detection.zero_covariance @ inverse.T,
+        zero_shift=detection.zero,
+        group_delay=group_delay(calibration.model, calibration.theta),
+        unknown=_unidentified_parameters(calibration, unidentifiable),
         tip_length=_tip_length(recording, tip_length),
     )
 
 
-def _unidentified_parameters(known: CalibratedModel, change: Array) -> dict[str, float]:
+def _unidentified_parameters(calibration: CalibratedModel, change: Array) -> dict[str, float]:
     """Unidentifiable parameters of the calibration with their largest effect (k,) per unit, where not zero."""
-    names = [p.name for p, is_known in zip(known.model.parameters, known.known, strict=True) if not is_known]
+    names = [
+        p.name for p, is_known in zip(calibration.model.parameters, calibration.known, strict=True) if not is_known
+    ]
     return {name: float(amount) for name, amount in zip(names, change, strict=True) if amount > 0}
 
 

@@ -61,7 +61,7 @@ class RowsLeftOut:
             "recording": self.name,
             "used": self.used,
             "of": self.rows,
-            "left_out": [list(part) for part in self.left_out],
+            "left_out": [list(rows) for rows in self.left_out],
             "tested": self.tested,
             "deviations": [{"from": begin, "to": end, "force": force} for begin, end, force in self.deviations],
         }
@@ -80,11 +80,11 @@ def rows_left_out(fit: Fit) -> tuple[RowsLeftOut, ...]:
 def _compared(fit: Fit, recording: Recording, whole: WholeLog) -> RowsLeftOut:
     log = whole.recording
     step = log.dt or 1.0
-    parts = [part for part in whole.left_out if part[1] - part[0] >= FEWEST_ROWS]
-    found = compensate(fit, log, false_alarms=LEVELS.held_out).means if parts else ()
+    parts = [rows for rows in whole.left_out if rows[1] - rows[0] >= FEWEST_ROWS]
+    means = compensate(fit, log, false_alarms=LEVELS.held_out).means if parts else ()
     outside = [
         (mean, first, last)
-        for mean in found
+        for mean in means
         for begin, end in parts
         if (first := max(mean.interval.first, begin)) < (last := min(mean.interval.last, end)) and _is_significant(mean)
     ]

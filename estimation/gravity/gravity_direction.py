@@ -28,9 +28,6 @@ from modeling.effects.geometry import GravityTilt
 from modeling.kinematics.placement import COMPONENTS, Direction, in_base_axes, unit_direction
 from modeling.rig import Convention
 
-# Gravity evidence: whether recordings show that their base does not stand upright, and where gravity points in it.
-
-
 Array = NDArray[np.float64]
 
 STEP, LONGEST = 0.01, 20_000
@@ -58,12 +55,12 @@ def gravity_evidence(
     samples, moments = _in_space(tuple(recordings), gravity)
     if not _leaves_enough(moments):
         return None
-    found = estimated_gravity(moments, _independent(recordings), convention)
-    if not _explains_enough(found):
+    estimate = estimated_gravity(moments, _independent(recordings), convention)
+    if not _explains_enough(estimate):
         return None
-    mistaken = [[mistake(own) for own in samples] for mistake in MISTAKES]
-    others = [_weight(own, upright_direction(3), gravity) for own in (samples, *mistaken)]
-    return _with_cable(found, samples, gravity) if _is_shown(found, samples, others, gravity) else None
+    mistaken = [[mistake(series) for series in samples] for mistake in MISTAKES]
+    others = [_weight(series, upright_direction(3), gravity) for series in (samples, *mistaken)]
+    return _with_cable(estimate, samples, gravity) if _is_shown(estimate, samples, others, gravity) else None
 
 
 @lru_cache(maxsize=1)
@@ -80,47 +77,47 @@ def _in_plane(recordings: Sequence[Recording], gravity: float, signs: Array) -> 
     samples = [SensorSamples.in_plane(recording, signs) for recording in recordings]
     if not _leaves_enough(_moments(samples, gravity)):
         return None
-    found = estimated_gravity(_moments(samples, gravity), _independent(recordings))
-    if not found.decided or np.trace(found.fit.matrix) <= 0 or not _explains_enough(found):
+    estimate = estimated_gravity(_moments(samples, gravity), _independent(recordings))
+    if not estimate.decided or np.trace(estimate.fit.matrix) <= 0 or not _explains_enough(estimate):
         return None
     others = [_weight(samples, upright_direction(2), gravity)]
-    return _with_cable(found, samples, gravity) if _is_shown(found, samples, others, gravity) else None
+    return _with_cable(estimate, samples, gravity) if _is_shown(estimate, samples, others, gravity) else None
 
 
 def _independent(recordings: Sequence[Recording]) -> int:
     return sum(independent_samples(r.samples, at_rest=r.at_rest) for r in recordings)
 
 
-def _explains_enough(found: GravityEstimate) -> bool:
+def _explains_enough(estimate: GravityEstimate) -> bool:
     """Whether the base stands otherwise than upright, and most of what an upright one leaves is explained so.
 
     An effect that pulls one way, as a tether does, is a small part of a turned weight.
     """
-    return not found.is_upright and found.fit.rms**2 <= (1 - LEAST_EXPLAINED) * found.upright.rms**2
+    return not estimate.is_upright and estimate.fit.rms**2 <= (1 - LEAST_EXPLAINED) * estimate.upright.rms**2
 
 
 def _is_shown(
-    found: GravityEstimate, samples: Sequence[SensorSamples], others: Sequence[WeightFit], gravity: float
+    estimate: GravityEstimate, samples: Sequence[SensorSamples], others: Sequence[WeightFit], gravity: float
 ) -> bool:
     """Whether the base is shown to stand as found, against `others` and the best of the directions unlike it."""
-    turned, rivals = _weight(samples, found.direction, gravity), [*others, _weight(samples, found.rival, gravity)]
+    turned, rivals = _weight(samples, estimate.direction, gravity), [*others, _weight(samples, estimate.rival, gravity)]
     return all(turned.is_shown_against(rival, len(rivals)) for rival in rivals)
 
 
-def _with_cable(found: GravityEstimate, samples: Sequence[SensorSamples], gravity: float) -> GravityEstimate:
+def _with_cable(estimate: GravityEstimate, samples: Sequence[SensorSamples], gravity: float) -> GravityEstimate:
     """The estimate with the cable that explains the forces as well, where the positions are known."""
-    if any(own.position is None for own in samples):
-        return found
+    if any(recorded.position is None for recorded in samples):
+        return estimate
     upright, turned = (
-        joined([own.pulled(direction, gravity) for own in samples])
-        for direction in (upright_direction(len(found.direction)), found.direction)
+        joined([recorded.pulled(direction, gravity) for recorded in samples])
+        for direction in (upright_direction(len(estimate.direction)), estimate.direction)
     )
-    return replace(found, cable=cable_instead(upright, turned))
+    return replace(estimate, cable=cable_instead(upright, turned))
 
 
 def _weight(samples: Sequence[SensorSamples], direction: Direction, gravity: float) -> WeightFit:
     """The weight of a tool whose mounting is unknown in space, and known in the plane."""
-    parts = [own.without_rotation(direction, gravity) for own in samples]
+    parts = [recorded.without_rotation(direction, gravity) for recorded in samples]
     along, force = (np.concatenate(each) for each in zip(*parts, strict=True))
     return weight_fit(along, force, mounting=np.eye(2) if len(direction) == 2 else None)
 
@@ -175,8 +172,8 @@ class SensorSamples:
         """The same rows for the fit of a cable, with gravity along a direction; their positions are known."""
         assert self.position is not None
         specific = self.acceleration - gravity * np.array(direction)
-        own = PulledTool.of(self.to_sensor, self.position, specific, self.force, self.rotation)
-        return replace(own, mounting=np.eye(2)) if len(direction) == 2 else own
+        tool = PulledTool.of(self.to_sensor, self.position, specific, self.force, self.rotation)
+        return replace(tool, mounting=np.eye(2)) if len(direction) == 2 else tool
 
     def without_rotation(self, direction: Direction, gravity: float) -> tuple[Array, Array]:
         """Specific force (n, d) in the sensor with gravity along a direction, and force, less what turns with the
@@ -208,7 +205,7 @@ MISTAKES = (_w_first, _inverse, _in_base_axes)
 
 
 def _moments(samples: Sequence[SensorSamples], gravity: float) -> WeightMoments:
-    return reduce(add, (own.moments(gravity) for own in samples))
+    return reduce(add, (recorded.moments(gravity) for recorded in samples))
 
 
 def _positions(recording: Recording, every: slice) -> Array | None:
@@ -225,17 +222,17 @@ def _every(recording: Recording) -> slice:
     return slice(0, LONGEST, stride)
 
 
-def with_fitted_tilt(found: GravityEstimate, model: WrenchModel, estimates: Mapping[str, float]) -> GravityEstimate:
+def with_fitted_tilt(estimate: GravityEstimate, model: WrenchModel, estimates: Mapping[str, float]) -> GravityEstimate:
     """The estimate turned by the `gravity_tilt` that a fit of the model, on that base, found beside the tool.
 
     The first estimate knows nothing of the other effects of the model; `estimates` are its parameters by name.
     """
     tilt = next((effect for effect in model.effects if effect.id == GravityTilt.id), None)
     if tilt is None:
-        return found
+        return estimate
     parameters = tilt.qualified(model.space)
-    own = {p.name.removeprefix(f"{tilt.id}."): estimates[p.name] for p in parameters}
-    turned = tilt.perturb(replace(model, effects=()).chain, own).gravity
-    components = [float(part) for part in turned][: model.space.value]
-    direction = in_base_axes(unit_direction(components), found.direction)
-    return replace(found, direction=direction, mounted=found.direction)
+    angles = {p.name.removeprefix(f"{tilt.id}."): estimates[p.name] for p in parameters}
+    turned = tilt.perturb(replace(model, effects=()).chain, angles).gravity
+    components = [float(component) for component in turned][: model.space.value]
+    direction = in_base_axes(unit_direction(components), estimate.direction)
+    return replace(estimate, direction=direction, mounted=estimate.direction)

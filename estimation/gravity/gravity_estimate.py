@@ -17,9 +17,6 @@ from estimation.recordings.weight_fit import WeightFit
 from modeling.kinematics.placement import Direction
 from modeling.rig import Convention
 
-# Terms of the forces in the turning of a tool about its sensor, whatever its first moment.
-
-
 Array = NDArray[np.float64]
 
 
@@ -41,14 +38,6 @@ def without_terms(rows: Array, terms: Array) -> Array:
     """
     rows, basis = rows - rows.mean(axis=0), orthonormal_basis(terms - terms.mean(axis=0))
     return np.asarray(rows - basis @ (basis.T @ rows))
-
-
-# Moments of forces and motion, from which the tool's weight is fitted for any direction of gravity in base axes.
-#
-# A rigid tool's force turns with the sensor: f = B R' (a - g d) + b with R the orientation and a the acceleration in
-# base axes, g d gravity, B free (mass, mounting, signs) and b the zero. For given d it is linear in B and b; all that
-# its fit needs are the second moments of f, R' a and the columns of R', so that any number of directions costs one
-# pass.
 
 
 GRID = 240
@@ -73,6 +62,10 @@ class FreeFit:
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WeightMoments:
     """Second moments (k, k) of [R' a, columns of R', f] about their means; several recordings weigh alike.
+
+    From them the tool's weight is fitted for any direction of gravity in base axes, in one pass. A rigid tool's force
+    turns with the sensor: f = B R' (a - g d) + b with R the orientation and a the acceleration in base axes, g d
+    gravity, B free (mass, mounting, signs) and b the zero. For given d it is linear in B and b.
 
     gravity  m/s²; axes  d, 2 or 3; recordings  how many were added
     """
@@ -113,21 +106,13 @@ class WeightMoments:
 
     def fit(self, direction: Direction | Array) -> FreeFit:
         """The fit with gravity along a unit vector in base axes."""
-        normal, mixed = self._normal_equations(np.asarray(direction, dtype=np.float64))
-        solution = np.linalg.lstsq(normal, mixed, rcond=1e-10)[0]
+        eye = np.eye(self.axes)
+        regressor = np.vstack([eye, *(-self.gravity * c * eye for c in direction)])
+        inputs = self.gram[: -self.axes, : -self.axes]
+        mixed = regressor.T @ self.gram[: -self.axes, -self.axes :]
+        solution = np.linalg.lstsq(regressor.T @ inputs @ regressor, mixed, rcond=1e-10)[0]
         residual = self.force**2 - float(np.sum(solution * mixed)) / (self.axes * self.recordings)
         return FreeFit(matrix=np.asarray(solution.T, dtype=np.float64), rms=float(np.sqrt(max(residual, 0.0))))
-
-    def flatness(self, direction: Direction | Array) -> float:
-        """Smallest singular value, in g, of R' (a - g d): gravity takes all directions in the sensor where it is 1."""
-        normal, _ = self._normal_equations(np.asarray(direction, dtype=np.float64))
-        return float(np.sqrt(max(np.linalg.eigvalsh(normal / self.recordings)[0], 0.0)) / self.gravity)
-
-    def _normal_equations(self, direction: Array) -> tuple[Array, Array]:
-        eye = np.eye(self.axes)
-        regressor = np.vstack([eye, *(-self.gravity * component * eye for component in direction)])
-        inputs = self.gram[: -self.axes, : -self.axes]
-        return regressor.T @ inputs @ regressor, regressor.T @ self.gram[: -self.axes, -self.axes :]
 
     @cached_property
     def best_direction(self) -> Array:
@@ -157,7 +142,7 @@ class WeightMoments:
     def _squares(self, directions: Array) -> Array:
         """Sums of squares (m,) of the residuals with gravity along unit vectors (m, d), up to what all share."""
         eye = np.eye(self.axes)
-        regressors = np.stack([np.vstack([eye, *(-self.gravity * part * eye for part in d)]) for d in directions])
+        regressors = np.stack([np.vstack([eye, *(-self.gravity * c * eye for c in d)]) for d in directions])
         turned, inputs = regressors.transpose(0, 2, 1), self.gram[: -self.axes, : -self.axes]
         mixed = turned @ self.gram[: -self.axes, -self.axes :]
         solutions = np.linalg.pinv(turned @ inputs @ regressors, rcond=1e-10, hermitian=True) @ mixed
@@ -252,8 +237,8 @@ class GravityEstimate:
     @property
     def evidence(self) -> str:
         """Mass and residual with it and without."""
-        found = f"with its direction free the mass is {self.fit.mass:.3g} kg and the residual of the weight falls from"
-        return f"{found} {self.upright.rms:.3g} to {self.fit.rms:.3g} N"
+        gain = f"with its direction free the mass is {self.fit.mass:.3g} kg and the residual of the weight falls from"
+        return f"{gain} {self.upright.rms:.3g} to {self.fit.rms:.3g} N"
 
     @property
     def sentence(self) -> str:
@@ -335,11 +320,11 @@ def estimated_gravity(
     level axis that explains the readings about as well, the direction is that axis.
     """
     best = moments.best_direction
-    found, opposite = moments.fit(best), moments.fit(-best)
-    gain = independent * ((opposite.rms / max(found.rms, 1e-300)) ** 2 - 1)
+    fit, opposite = moments.fit(best), moments.fit(-best)
+    gain = independent * ((opposite.rms / max(fit.rms, 1e-300)) ** 2 - 1)
     decided = bool(gain > SIGN_SIGNIFICANCE**2)
     direction = _snapped(best, moments, near_axis)
-    if not decided and _is_opposite(direction, found, convention):
+    if not decided and _is_opposite(direction, fit, convention):
         direction = tuple(-c + 0.0 for c in direction)
     return GravityEstimate(
         direction=direction,
@@ -363,9 +348,9 @@ def _plain(direction: Array) -> Direction:
     return tuple(float(component) + 0.0 for component in direction)
 
 
-def _is_opposite(direction: Direction, found: FreeFit, convention: Convention) -> bool:
+def _is_opposite(direction: Direction, fit: FreeFit, convention: Convention) -> bool:
     """Whether the opposite direction is meant, of two that the data do not distinguish."""
-    on_tool = float(np.linalg.det(found.matrix)) > 0
+    on_tool = float(np.linalg.det(fit.matrix)) > 0
     if convention is not Convention.AUTO:
         return on_tool is not (convention is Convention.ON_TOOL)
     if abs(direction[-1]) > np.sin(TILT):

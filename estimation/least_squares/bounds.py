@@ -11,8 +11,6 @@ from typing import Self
 
 from modeling.errors import InputError, file_text, kind_of, quoted, suggestion, toml_data
 
-# Numbers by parameter name from TOML, and the check of parameter names.
-
 
 def read_parameter_file(path: str | Path) -> dict[str, object]:
     """The entries of a TOML file by name; `viscous_drag.c`, quoted or as a table, is one name.
@@ -41,15 +39,15 @@ def is_real_number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and not isnan(value)
 
 
-def require_known_names(names: Iterable[str], known: Iterable[str], where: str) -> None:
+def require_known_names(names: Iterable[str], allowed: Iterable[str], where: str) -> None:
     """Raise InputError for the first unknown name, suggesting the closest known one."""
-    known = list(known)
+    allowed = list(allowed)
     for name in names:
-        if name not in known:
+        if name not in allowed:
             raise InputError(
                 what=f"no parameter is called {quoted(name)}",
                 where=where,
-                remedy=suggestion(name, known, most=len(known)),
+                remedy=suggestion(name, allowed, most=len(allowed)),
             )
 
 
@@ -80,10 +78,10 @@ class Bounds:
     >>> import truewrench as tw
     >>> rig = tw.Rig.read("rig.toml")
     >>> bounds = tw.Bounds({"m": (0.0, 0.9), "I": (0.0, float("inf"))})
-    >>> found = tw.fit(
+    >>> fit = tw.fit(
     ...     tw.planar(rig), tw.read("train.csv", rig=rig), constraints=tw.Constraints(bounds=bounds)
     ... )
-    >>> round(found.values["m"], 6)
+    >>> round(fit.values["m"], 6)
     0.9
     """
 

@@ -31,9 +31,6 @@ from modeling.number_format import P_VALUE, p_value_text
 from modeling.significance import LEVELS
 from modeling.table import Column, Table, Tabular, Value
 
-# Equality-constrained least-squares step by the null-space method, and its covariance.
-
-
 Array = NDArray[np.float64]
 
 

@@ -21,8 +21,7 @@ from modeling.chain.pseudo_inertia import PseudoInertia, pseudo_inertia
 from modeling.errors import InputError, kind_of
 from modeling.parameter import Parameter
 
-# Conic programs solved by CVXPY and Clarabel at tight tolerance.
-
+Array = NDArray[np.float64]
 
 SOLVER_TOLERANCE = 1e-10
 """Gap and infeasibility at which Clarabel stops, of a program of unit size; Newton steps refine the result."""
@@ -47,9 +46,6 @@ def solve_conic(program: Any) -> bool:
 
 
 # Feasible region of the parameters: bounds and a pseudo-inertia that is positive by a margin.
-
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -253,8 +249,8 @@ class Constraints:
     >>> rig = tw.Rig.read("rig.toml")
     >>> model = tw.planar(rig) + tw.effects.named("viscous_drag")
     >>> stated = tw.Constraints(bounds={"m": 0.89}, physical=True)
-    >>> found = tw.fit(model, tw.read("train.csv", rig=rig), constraints=stated)
-    >>> round(found.values["m"], 6), found.values["I"] > 0
+    >>> fit = tw.fit(model, tw.read("train.csv", rig=rig), constraints=stated)
+    >>> round(fit.values["m"], 6), fit.values["I"] > 0
     (0.89, True)
     """
 

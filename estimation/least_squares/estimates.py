@@ -30,9 +30,7 @@ if TYPE_CHECKING:
 
     from modeling.chain.model import WrenchModel
 
-
-# Attributes that fits of lmfit, SciPy, scikit-learn and statsmodels have, and what holds the same here.
-
+Array = NDArray[np.float64]
 
 FAMILIAR_NAMES = {
     "redchi": "reduced_chi_square",
@@ -57,7 +55,7 @@ FAMILIAR_NAMES = {
     "fit_report": "summary()",
     "success": "converged",
 }
-"""What holds it, by the other package's name."""
+"""What holds here an attribute of fits of lmfit, SciPy, scikit-learn or statsmodels, by its name there."""
 
 
 def unknown_attribute(kind: str, name: str) -> str:
@@ -65,8 +63,6 @@ def unknown_attribute(kind: str, name: str) -> str:
     missing = f"a {kind} has no attribute '{name}'"
     return f"{missing}; see {FAMILIAR_NAMES[name]}" if name in FAMILIAR_NAMES else missing
 
-
-Array = NDArray[np.float64]
 
 FIXED, HELD = "fixed", "held at its bound"
 """Printed for the std of a parameter that is not free, and of one that a bound holds."""
@@ -212,8 +208,8 @@ class Estimates(NamedEstimates, Tabular):
     @cached_property
     def unidentifiable(self) -> tuple[UnidentifiableDirection, ...]:
         """Unidentifiable parameter combinations, of parameters that are not fixed."""
-        found = unidentifiable_directions(self.scaled_svd, self.unknowns)
-        return tuple(d for d in found if not any(p.fixed for p in d.parameters))
+        directions = unidentifiable_directions(self.scaled_svd, self.unknowns)
+        return tuple(d for d in directions if not any(p.fixed for p in d.parameters))
 
     @cached_property
     def weakest(self) -> LeastCertainDirection | None:
@@ -229,16 +225,16 @@ class Estimates(NamedEstimates, Tabular):
     def held(self) -> tuple[str, ...]:
         """Names of the parameters that a bound holds: their std is not that of a measurement."""
         ends = zip(self.unknowns, self.theta, self.identifiable, strict=True)
-        return tuple(p.name for p, value, known in ends if known and not p.fixed and value in p.bounds)
+        return tuple(p.name for p, value, is_known in ends if is_known and not p.fixed and value in p.bounds)
 
     def remarks(self) -> list[str]:
         """Remarks on the estimate: ill-conditioning, unidentifiable combinations, missing convergence."""
-        found = [f"condition {self.condition:.2g}; {self.weakest}"] if self.condition > ILL_CONDITIONED else []
+        remarks = [f"condition {self.condition:.2g}; {self.weakest}"] if self.condition > ILL_CONDITIONED else []
         alone = [d.names[0] for d in self.unidentifiable if len(d.names) == 1]
         if len(alone) > 1:
-            found.append(f"{', '.join(alone[:-1])} and {alone[-1]} are not identifiable from this motion")
-        found += [str(d) for d in self.unidentifiable if len(d.names) > 1 or len(alone) == 1]
-        return found if self.converged else [*found, NOT_CONVERGED]
+            remarks.append(f"{', '.join(alone[:-1])} and {alone[-1]} are not identifiable from this motion")
+        remarks += [str(d) for d in self.unidentifiable if len(d.names) > 1 or len(alone) == 1]
+        return remarks if self.converged else [*remarks, NOT_CONVERGED]
 
 
 def parameter_table(estimates: Mapping[str, Estimate], held: Collection[str] = ()) -> Table:
@@ -280,9 +276,6 @@ def correlation_matrix(covariance: Array, identifiable: NDArray[np.bool_]) -> Ar
 def estimates_data(estimates: Mapping[str, Estimate]) -> dict[str, Any]:
     """Parameter estimates by name as plain data."""
     return {name: {"value": e.value, "std": e.std, "unit": e.unit} for name, e in estimates.items()}
-
-
-# Refuses a significantly negative mass: the readings have the opposite sign convention.
 
 
 def require_positive_mass(mass: Estimate, stated: Convention, where: str) -> None:

@@ -16,9 +16,6 @@ from estimation.least_squares.square_root_information import SquareRootInformati
 from estimation.parameter_layout import ParameterLayout
 from modeling.identifiability import SINGULAR_VALUE_TOLERANCE, ScaledSVD
 
-# Quadratic model of chi-square and prior about a point, in whitened parameters.
-
-
 Array = NDArray[np.float64]
 
 

@@ -18,6 +18,7 @@ STEP_TOLERANCE = 1e-4
 """Decrease of chi-square by an undamped step below which a refit has converged: a hundredth of a std, or less, from its
 minimum, as the next such step would gain less."""
 MAX_STEPS = 40
+"""At most: far more than convergence takes near a minimum; a fit that takes more is marked as not converged."""
 FIRST_DAMPING, LEAST_DAMPING, GREATEST_DAMPING = 1e-6, 1e-9, 1e6
 """After the first step without gain; below which there is none; above which no step gains."""
 DAMPING_DECREASE = 0.1
@@ -159,11 +160,11 @@ def _tried(
     """
     try:
         gain = np.inf if chi_square is None else cost - chi_square(trial)
-        found = information(trial) if gain > 0 else None
+        there = information(trial) if gain > 0 else None
     except (InputError, np.linalg.LinAlgError):
         return -np.inf, None
-    gain = gain if found is None else cost - found.cost
-    return (gain, found) if np.isfinite(gain) else (-np.inf, None)
+    gain = gain if there is None else cost - there.cost
+    return (gain, there) if np.isfinite(gain) else (-np.inf, None)
 
 
 def _nothing_to_gain(
@@ -198,9 +199,9 @@ def levenberg_marquardt_step(
     """The minimiser (k,) of the damped linear model within bounds, zero along unidentifiable directions."""
     gradient = here.root.T @ here.target
     free = ~(((theta <= bounds[0]) & (gradient < 0)) | ((theta >= bounds[1]) & (gradient > 0)))
-    part = here.restricted(free)
+    reduced = here.restricted(free)
     step = np.zeros_like(theta)
-    damped = part.damped(np.sqrt(damping)) if damping else part
+    damped = reduced.damped(np.sqrt(damping)) if damping else reduced
     step[free] = least_squares_solution(damped, rounding=SINGULAR_VALUE_TOLERANCE, faint=NEGLIGIBLE_COLUMN_LENGTH)
     low, high = (np.where(theta == bound, 0.0, bound - theta) for bound in bounds)
     if np.all((low <= step) & (step <= high)):
@@ -227,9 +228,9 @@ def _bounded_minimum(rows: Array, target: Array, low: Array, high: Array) -> Arr
     seen = sizes > SINGULAR_VALUE_TOLERANCE * sizes[0]
     weights = np.where(seen, sizes, UNSEEN_WEIGHT * sizes[seen][-1])
     scaled, target = weights[:, None] * right, np.where(seen, left.T @ target, 0.0)
-    found = _by_active_set(scaled, target, low, high)
-    if found is not None:
-        return found
+    solution = _by_active_set(scaled, target, low, high)
+    if solution is not None:
+        return solution
     from scipy.optimize import lsq_linear  # slow to import and rarely needed
 
     # Should its steps run out, what it has is within the bounds: a trial like any other.
@@ -245,12 +246,12 @@ def _by_active_set(rows: Array, target: Array, low: Array, high: Array) -> Array
     at_low, at_high = np.zeros(len(low), dtype=bool), np.zeros(len(low), dtype=bool)
     for _ in range(MAX_ACTIVE_SETS):
         free = ~(at_low | at_high)
-        found = np.where(at_low, low, np.where(at_high, high, 0.0))
-        found[free] = np.linalg.lstsq(rows[:, free], target - rows[:, ~free] @ found[~free])[0]
-        gradient = rows.T @ (rows @ found - target)
-        below = np.where(free, found < low, at_low & (gradient > 0))
-        above = np.where(free, found > high, at_high & (gradient < 0))
+        solution = np.where(at_low, low, np.where(at_high, high, 0.0))
+        solution[free] = np.linalg.lstsq(rows[:, free], target - rows[:, ~free] @ solution[~free])[0]
+        gradient = rows.T @ (rows @ solution - target)
+        below = np.where(free, solution < low, at_low & (gradient > 0))
+        above = np.where(free, solution > high, at_high & (gradient < 0))
         if np.array_equal(below, at_low) and np.array_equal(above, at_high):
-            return np.asarray(found)
+            return np.asarray(solution)
         at_low, at_high = below, above
     return None

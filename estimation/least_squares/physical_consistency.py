@@ -35,7 +35,7 @@ def impossible_body(
     """
     inertia = pseudo_inertia(model.base)
     place = [names.index(name) for name in inertia.names]
-    own = covariance[np.ix_(place, place)]
+    inertia_covariance = covariance[np.ix_(place, place)]
     matrix, changes = inertia.at(theta[place]), _changes(inertia, unidentifiable)
     if np.linalg.eigvalsh(matrix)[0] >= 0 or (len(changes) and _has_completion(inertia, matrix, changes)):
         return ""
@@ -43,7 +43,7 @@ def impossible_body(
     if smallest >= -SOLVER_TOLERANCE * np.abs(matrix).max():
         return ""
     gradient = np.einsum("ij,kij->k", weight, inertia.slopes)
-    std = float(np.sqrt(gradient @ own @ gradient))
+    std = float(np.sqrt(gradient @ inertia_covariance @ gradient))
     estimate = f"{format_number(smallest, 2)} ± {format_number(std, 2)}"
     if smallest > -NormalDist().inv_cdf(1 - LEVELS.constraint) * std:
         return (
@@ -59,14 +59,14 @@ def impossible_body(
 def _changes(inertia: PseudoInertia, directions: Sequence[UnidentifiableDirection]) -> Array:
     """Changes (d, n, n) of J along unidentifiable directions, without those that leave it as it is."""
     slopes = dict(zip(inertia.names, inertia.slopes, strict=True))
-    found = [
+    changes = [
         sum(
             (a * slopes[name] for a, name in zip(direction.amounts, direction.names, strict=True) if name in slopes),
             start=np.zeros((inertia.size, inertia.size)),
         )
         for direction in directions
     ]
-    return np.array([change for change in found if change.any()]).reshape(-1, inertia.size, inertia.size)
+    return np.array([change for change in changes if change.any()]).reshape(-1, inertia.size, inertia.size)
 
 
 def _has_completion(inertia: PseudoInertia, matrix: Array, changes: Array) -> bool:

@@ -16,9 +16,6 @@ from estimation.least_squares.bounds import is_real_number, read_parameter_file,
 from modeling.chain.pseudo_inertia import PseudoInertia
 from modeling.errors import InputError
 
-# Log-det (Bregman) divergence of a tool's pseudo-inertia from a reference, as a prior.
-
-
 Array = NDArray[np.float64]
 
 
@@ -96,8 +93,8 @@ class Prior:
     >>> rig = tw.Rig.read("rig.toml")
     >>> model = tw.planar(rig) + tw.effects.named("viscous_drag")
     >>> prior = tw.Prior({"m": 0.9, "mlg": 0.063, "I": 0.0129}, weight=200)
-    >>> found = tw.fit(model, tw.read("train.csv", rig=rig), constraints=tw.Constraints(prior=prior))
-    >>> round(found.values["I"], 4)
+    >>> fit = tw.fit(model, tw.read("train.csv", rig=rig), constraints=tw.Constraints(prior=prior))
+    >>> round(fit.values["I"], 4)
     0.0129
     """
 

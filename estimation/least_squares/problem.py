@@ -68,9 +68,9 @@ class LinearisedRows:
         rows = self.derivative
         nonzero = np.flatnonzero(np.einsum("ij,ij->j", rows, rows))  # columns of zeros need no factorisation
         whole = len(nonzero) == rows.shape[1]
-        found = SquareRootInformation.of(rows if whole else rows[:, nonzero], self.reached_residual)
-        found = replace(found, power=found.power + self._unreached_power, rows=len(self.residual))
-        return found if whole else found.spread(nonzero, rows.shape[1])
+        information = SquareRootInformation.of(rows if whole else rows[:, nonzero], self.reached_residual)
+        information = replace(information, power=information.power + self._unreached_power, rows=len(self.residual))
+        return information if whole else information.spread(nonzero, rows.shape[1])
 
 
 @dataclass(frozen=True, eq=False)

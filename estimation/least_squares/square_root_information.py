@@ -63,12 +63,12 @@ def qr_factors(columns: Array) -> QRFactors:
     rounding (CholeskyQR2: Yamamoto, Nakatsukasa, Yanagisawa, Fukaya, ETNA 44, 2015). This is checked, not assumed.
     Otherwise Householder, with an `inner` of one.
     """
-    found = _by_cholesky(columns)
-    if found is not None:
-        return found
+    factors = _by_cholesky(columns)
+    if factors is not None:
+        return factors
     scale = _scale(np.linalg.norm(columns, axis=0))
     scaled: Array = columns / scale
-    basis, root = (np.asarray(part, dtype=np.float64) for part in np.linalg.qr(scaled))
+    basis, root = (np.asarray(factor, dtype=np.float64) for factor in np.linalg.qr(scaled))
     return QRFactors(basis, np.eye(len(scale), dtype=np.float64), np.asarray(root * scale))
 
 
@@ -182,15 +182,9 @@ def _triangularised(stacked: Array, power: float, rows: int) -> SquareRootInform
     return SquareRootInformation(root[:size, :size], root[:size, size], power + float(root[size, size] ** 2), rows)
 
 
-# Linear least squares by scaled SVD, without the directions that are not identifiable.
-
-
 def least_squares_solution(information: SquareRootInformation, *, rounding: float, faint: float = 0.0) -> Array:
     """The minimiser (k,) of |R x - z| where R is more than rounding, with no component in its null space."""
     return np.asarray(ScaledSVD.of(information.root, rounding, faint).inverse @ information.target)
-
-
-# Column space of a whitened derivative: orthonormal basis and least-squares coefficients in it.
 
 
 def orthonormal_basis(derivative: Array) -> Array:
@@ -224,10 +218,10 @@ class ColumnSpace:
 
     def amounts(self, columns: Array) -> Array:
         """Least-squares coefficients (k, a) of the derivative's columns for other columns (rows, a)."""
-        found, svd = np.zeros((len(self.kept), columns.shape[1])), self.scaled_svd
+        amounts, svd = np.zeros((len(self.kept), columns.shape[1])), self.scaled_svd
         inner = svd.right[svd.regular].T @ ((self.basis.T @ columns) / svd.singular[svd.regular, None])
-        found[self.kept] = inner / svd.scale[:, None]
-        return found
+        amounts[self.kept] = inner / svd.scale[:, None]
+        return amounts
 
 
 # R factor of a tall matrix given by blocks of rows: randomised preconditioned Cholesky QR.
@@ -310,9 +304,9 @@ def _well_conditioned_columns(first: Array) -> int:
     """Number of leading columns whose R factor, scaled to unit length, is well conditioned; it grows with each."""
 
     def condition(count: int) -> float:
-        part = first[:count, :count]
-        lengths = np.linalg.norm(part, axis=0)
-        return float(np.linalg.cond(part / lengths)) if lengths.all() else np.inf
+        leading = first[:count, :count]
+        lengths = np.linalg.norm(leading, axis=0)
+        return float(np.linalg.cond(leading / lengths)) if lengths.all() else np.inf
 
     return bisect_right(range(1, len(first) + 1), WELL_CONDITIONED, key=condition)
 
@@ -338,10 +332,10 @@ def _preconditioned_gram(columns: TallMatrix, scaling: Array, kept: int) -> Arra
         end = min(start + block, columns.samples)
         columns.rows(start, end, rows[:, : end - start])
         for begin in range(0, end - start, piece):
-            part = rows[:, begin : min(begin + piece, end - start)]
+            filled = rows[:, begin : min(begin + piece, end - start)]
             if kept < width:
-                part[kept:] = inverse @ part
-            total += part @ part.T
+                filled[kept:] = inverse @ filled
+            total += filled @ filled.T
     return total
 
 
@@ -352,12 +346,12 @@ def _cholesky(product: Array) -> Array | None:
     scale = lengths[kept]
     root = np.zeros_like(product)
     try:
-        found = np.linalg.cholesky(product[np.ix_(kept, kept)] / np.outer(scale, scale)).T
+        factor = np.linalg.cholesky(product[np.ix_(kept, kept)] / np.outer(scale, scale)).T
     except np.linalg.LinAlgError:
         return None
-    if found.size and np.linalg.cond(found) ** 2 * EPS > CHOLESKY_ROUNDING:
+    if factor.size and np.linalg.cond(factor) ** 2 * EPS > CHOLESKY_ROUNDING:
         return None
-    root[np.ix_(kept, kept)] = found * scale
+    root[np.ix_(kept, kept)] = factor * scale
     return root
 
 
@@ -367,7 +361,7 @@ def _by_householder(columns: TallMatrix) -> Array:
     root = np.zeros((columns.width, columns.width))
     rows = np.empty((columns.width, block))
     for start in range(0, columns.samples, block):
-        part = rows[:, : min(block, columns.samples - start)]
-        columns.rows(start, start + part.shape[1], part)
-        root = householder_r_factor(np.concatenate([root.T, part], axis=1))
+        filled = rows[:, : min(block, columns.samples - start)]
+        columns.rows(start, start + filled.shape[1], filled)
+        root = householder_r_factor(np.concatenate([root.T, filled], axis=1))
     return root

@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 Lines = NDArray[np.complex128]
 
 MAX_EVENTS = 3
+"""Of a recording, at most; each is sought beside those before it."""
 
 
 def find_events_in_repeats(recording: Recording, residual: Array) -> tuple[tuple[float, float], ...]:
@@ -36,14 +37,14 @@ def find_events_in_repeats(recording: Recording, residual: Array) -> tuple[tuple
     """
     if recording.repeats < 3:
         return ()
-    found: list[tuple[float, float]] = []
+    events: list[tuple[float, float]] = []
     weighted = _WeightedResidual(recording, residual)
     for _ in range(MAX_EVENTS):
-        window = _most_significant_window(weighted, found)
+        window = _most_significant_window(weighted, events)
         if window is None:
             break
-        found.append(window)
-    return tuple(found)
+        events.append(window)
+    return tuple(events)
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,10 +108,10 @@ class _WeightedResidual:
         """Columns (n, k) of drift and leakage for each channel, and weighted."""
         n, dt = self.recording.samples, sample_step(self.recording)
         drift = disturbance_basis(self.recording, ())
-        found = []
+        directions = []
         for c, leakage in enumerate(transients(self.spectra, n, dt)):
-            found.append(self.scaled(np.column_stack([drift, leakage]), c))
-        return found
+            directions.append(self.scaled(np.column_stack([drift, leakage]), c))
+        return directions
 
     def scaled(self, columns: Array, channel: int) -> tuple[Array, Array]:
         """Columns (n, k) with c' W c = 1 for each, and weighted."""
@@ -130,13 +131,13 @@ class _WeightedResidual:
         variances = variances_of_sums(np.fft.irfft(self.weight, n=len(self.residual), axis=0))
         return np.concatenate([np.zeros((1, variances.shape[1])), variances])
 
-    def window_scores(self, found: Sequence[tuple[float, float]]) -> _WindowScores:
+    def window_scores(self, events: Sequence[tuple[float, float]]) -> _WindowScores:
         """The scores of windows beside drift, leakage and the events (s) found before."""
-        known = pulses(self.recording, found)
-        known = known - self.recording.averaged(known)
+        disturbances = pulses(self.recording, events)
+        disturbances = disturbances - self.recording.averaged(disturbances)
         product, nuisance = [], []
-        for c, own in enumerate(self.nuisances):
-            columns, weighted = (np.hstack(pair) for pair in zip(own, self.scaled(known, c), strict=True))
+        for c, nuisances in enumerate(self.nuisances):
+            columns, weighted = (np.hstack(pair) for pair in zip(nuisances, self.scaled(disturbances, c), strict=True))
             values, vectors = np.linalg.eigh(columns.T @ weighted)
             independent = values > 1e-9 * values.max()
             orthonormal = weighted @ (vectors[:, independent] / np.sqrt(values[independent]))
@@ -183,10 +184,10 @@ def _lower_quartile_of_pairs(lines: NDArray[np.complex128]) -> Array:
 
 
 def _most_significant_window(
-    weighted: _WeightedResidual, found: Sequence[tuple[float, float]]
+    weighted: _WeightedResidual, events: Sequence[tuple[float, float]]
 ) -> tuple[float, float] | None:
     n, p = weighted.residual.shape
-    tests = weighted.window_scores(found)
+    tests = weighted.window_scores(events)
     lengths = np.unique(np.geomspace(max(8, n // 400), n // 2, 24).astype(int))
     windows = Windows.of_lengths(lengths, n - 1, np.maximum(1, lengths // 8))
     score = tests.scores(windows)

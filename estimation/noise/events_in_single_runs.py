@@ -78,9 +78,9 @@ class BlockAverages:
         in_run = np.flatnonzero(self.owner == number)
         target = self.reading / self.scale
         basis = self._orthonormal_columns.reshape(*target.shape, -1)
-        own, measured = basis[in_run], target[in_run]
-        squares = cumulative_sums(np.einsum("bpi,bpj->bij", own, own))
-        products = cumulative_sums(np.einsum("bpi,bp->bi", own, measured))
+        regressors, measured = basis[in_run], target[in_run]
+        squares = cumulative_sums(np.einsum("bpi,bpj->bij", regressors, regressors))
+        products = cumulative_sums(np.einsum("bpi,bp->bi", regressors, measured))
         information = np.eye(basis.shape[2]) - (squares[last] - squares[first])
         right = np.einsum("bpi,bp->i", basis, target) - (products[last] - products[first])
         try:
@@ -90,7 +90,7 @@ class BlockAverages:
             determined = False
         if determined:
             coordinates = np.linalg.solve(information, right[:, :, None])[:, :, 0]
-            return np.asarray(measured - np.einsum("bpi,wi->wbp", own, coordinates, optimize=True))
+            return np.asarray(measured - np.einsum("bpi,wi->wbp", regressors, coordinates, optimize=True))
         windows = zip((in_run[0] + first).tolist(), (in_run[0] + last).tolist(), strict=True)
         fits = [self.residual_without(inside([window], len(self.owner)))[in_run] for window in windows]
         return np.array(fits) / self.scale[in_run]
@@ -134,12 +134,12 @@ def find_events_in_single_runs(
     if not any(single):
         return ((),) * len(recordings)
     averages = _block_averages(model.base, recordings)
-    found: list[tuple[tuple[float, float], ...]] = []
+    events: list[tuple[tuple[float, float], ...]] = []
     for number, recording in enumerate(recordings):
         window = _event_window(averages, number) if single[number] else None
         step = recording.samples / BLOCKS_PER_RUN * (recording.dt or 0.0)
-        found.append(() if window is None else ((window[0] * step, window[1] * step),))
-    return tuple(found)
+        events.append(() if window is None else ((window[0] * step, window[1] * step),))
+    return tuple(events)
 
 
 def _block_averages(model: WrenchModel, recordings: Sequence[Recording]) -> BlockAverages:
@@ -151,10 +151,10 @@ def _block_averages(model: WrenchModel, recordings: Sequence[Recording]) -> Bloc
         whole[:, :, unknowns.index[number]] = response.derivative
         count = recording.samples if recording.at_rest else min(BLOCKS_PER_RUN, recording.samples)
         parts = np.array_split(np.arange(recording.samples), count)
-        readings += [recording.wrench[part].mean(axis=0) for part in parts]
-        regressors += [whole[part].mean(axis=0) for part in parts]
+        readings += [recording.wrench[rows].mean(axis=0) for rows in parts]
+        regressors += [whole[rows].mean(axis=0) for rows in parts]
         owners += [number] * count
-        spreads.append(np.median([recording.wrench[part].std(axis=0) for part in parts], axis=0))
+        spreads.append(np.median([recording.wrench[rows].std(axis=0) for rows in parts], axis=0))
     owner = np.array(owners, dtype=np.intp)
     return BlockAverages(unknowns, np.array(readings), np.array(regressors), owner, np.array(spreads))
 
@@ -188,9 +188,9 @@ def _log_likelihoods(averages: BlockAverages, number: int, windows: Windows) -> 
     outside_count = BLOCKS_PER_RUN - inside_count
     mean = np.einsum("wbp,wb->wp", power, outside) / outside_count[:, None]
     surprise = np.log(mean + 1e-12).sum(axis=1)
-    found = np.full(len(judged), -np.inf)
-    found[fitted] = -outside_count * surprise - inside_count * surprise[-1]
-    return found[:-1]
+    log_likelihoods = np.full(len(judged), -np.inf)
+    log_likelihoods[fitted] = -outside_count * surprise - inside_count * surprise[-1]
+    return log_likelihoods[:-1]
 
 
 def _is_significant(wrench: Array, inflation: Array, outside: Array, raw_spread: Array, windows: int) -> bool:

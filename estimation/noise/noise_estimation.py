@@ -34,9 +34,6 @@ from estimation.recordings.repeat_motion import NO_REPEATS, largest_deviation
 from modeling.errors import InputError
 from modeling.noise import NoiseModel, NoiseSource, block_means, inverse_cholesky_factor
 
-# Noise spectra from the non-excited lines of a periodic recording, or from the differences between separate runs.
-
-
 Array = NDArray[np.float64]
 Lines = NDArray[np.complex128]
 
@@ -50,8 +47,8 @@ def noise_from_repeats(recording: Recording, residual: Array) -> RecordingNoise:
     Where the residual is that of each repeat's own motion, so is the noise.
     """
     from_lines = _from_non_excited_lines if recording.continuous else _from_separate_runs
-    found = from_lines(recording, residual)
-    return found if recording.own_motion is None else replace(found, floor=repeat_noise_floor(recording, residual))
+    noise = from_lines(recording, residual)
+    return noise if recording.own_motion is None else replace(noise, floor=repeat_noise_floor(recording, residual))
 
 
 def _from_non_excited_lines(recording: Recording, residual: Array) -> RecordingNoise:
@@ -178,10 +175,10 @@ def _coherence_roots(
     p = white.shape[1]
     order = np.argsort(index, kind="stable")
     bands = max(1, min(COHERENCE_BANDS, len(index) // 200))
-    edges = [index[part[0]] for part in np.array_split(order, bands)]
+    edges = [index[band[0]] for band in np.array_split(order, bands)]
     roots = []
-    for part in np.array_split(order, bands):
-        rows = white[part]
+    for band in np.array_split(order, bands):
+        rows = white[band]
         matrix = rows.T @ rows.conj() / len(rows)
         scale = np.sqrt(np.real(np.diag(matrix)))
         matrix = matrix / np.outer(scale, scale)
@@ -244,10 +241,10 @@ def _noise_of_rig(
 
 def _require_one_motion(recording: Recording) -> None:
     """Raise InputError where a repeat is none: of another motion, out of phase, with a pause, or cut wrongly."""
-    found = None if recording.dt is None else largest_deviation(recording.columns, recording.repeats)
-    if found is None or recording.dt is None or not found.gross:
+    deviation = None if recording.dt is None else largest_deviation(recording.columns, recording.repeats)
+    if deviation is None or recording.dt is None or not deviation.gross:
         return
-    what = f"the motion of repeat {found.repeat}, counted from 0, {found.sentence(recording.dt)}"
+    what = f"the motion of repeat {deviation.repeat}, counted from 0, {deviation.sentence(recording.dt)}"
     raise InputError(what=what, where=recording.name, remedy=NO_REPEATS)
 
 

@@ -117,13 +117,6 @@ def bases(spectra: Sequence[PowerSpectrum], frequency: Array) -> list[Array]:
     return [values[s.nyquist, s.knots.tobytes()] for s in spectra]
 
 
-def smooth_power_spectrum(
-    frequency: Array, ordinates: Array, *, shape: float = 1.0, start: float | None = None
-) -> PowerSpectrum:
-    """`smooth_power_spectra` of one series, ordinates (m,)."""
-    return smooth_power_spectra(frequency, ordinates[:, None], shape=shape, start=start)[0]
-
-
 def smooth_power_spectra(
     frequency: Array,
     ordinates: Array,
@@ -160,9 +153,9 @@ def _smoothed(grid: _Grid, ordinates: Array, shape: float) -> PowerSpectrum:
     while True:
         curve, level = _penalised_spline(grid, ordinates, ~tones, shape)
         exceeding = valid & (ordinates > limit * level)
-        found = tones | exceeding | np.roll(exceeding, 1) | np.roll(exceeding, -1)
-        settled, rounds = (found == tones).all() or found.mean() > 0.3, rounds - 1
-        tones = tones if settled else found
+        tonal = tones | exceeding | np.roll(exceeding, 1) | np.roll(exceeding, -1)
+        settled, rounds = (tonal == tones).all() or tonal.mean() > 0.3, rounds - 1
+        tones = tones if settled else tonal
         if settled or not rounds:
             return replace(curve, tones=tones)
 
@@ -293,12 +286,12 @@ def without_leakage(
 
 def _by_channel(series: Sequence[Array]) -> Array:
     """Series (n, k) of each of p channels as readings (n, p, sum of k) of that channel alone."""
-    found = np.zeros((len(series[0]), len(series), sum(s.shape[1] for s in series)))
+    readings = np.zeros((len(series[0]), len(series), sum(s.shape[1] for s in series)))
     first = 0
-    for channel, own in enumerate(series):
-        found[:, channel, first : first + own.shape[1]] = own
-        first += own.shape[1]
-    return found
+    for channel, columns in enumerate(series):
+        readings[:, channel, first : first + columns.shape[1]] = columns
+        first += columns.shape[1]
+    return readings
 
 
 def _directions(columns: Array) -> Array:
@@ -384,20 +377,24 @@ def leakage_free(
     again, up to half the sampling rate (their `nyquist`), and so on until they stay the same. Where the leakage is
     within the first innovations the lines are returned as they are: `start`, by default the lines given.
     """
-    found = lines if start is None else start
-    known = np.zeros((len(index), 0)) if disturbances is None else disturbances
-    spectra, frequency = smoothed(found, inf), index / (n * dt)
+    cleaned = lines if start is None else start
+    nuisances = np.zeros((len(index), 0)) if disturbances is None else disturbances
+    spectra, frequency = smoothed(cleaned, inf), index / (n * dt)
     for _ in range(MAX_SPECTRUM_ROUNDS):
         series = transients(spectra, n, dt)
         if max(s.shape[1] for s in series) == FIRST_INNOVATIONS:
             break
         weights, before = 1 / np.sqrt(line_powers(spectra, n, period, dt)[index]), power_levels(spectra, frequency)
-        columns = [np.hstack([np.fft.rfft(own, axis=0)[index], known]).astype(np.complex128) for own in series]
-        found = np.stack([_projected(lines[..., c], own, weights[:, c]) for c, own in enumerate(columns)], axis=-1)
-        spectra = smoothed(found, 1 / (2 * dt))
+        columns = [
+            np.hstack([np.fft.rfft(transient, axis=0)[index], nuisances]).astype(np.complex128) for transient in series
+        ]
+        cleaned = np.stack(
+            [_projected(lines[..., c], basis, weights[:, c]) for c, basis in enumerate(columns)], axis=-1
+        )
+        spectra = smoothed(cleaned, 1 / (2 * dt))
         if np.abs(np.log(power_levels(spectra, frequency) / before)).max() < SETTLED_SPECTRUM:
             break
-    return spectra, found
+    return spectra, cleaned
 
 
 def _projected(lines: Lines, columns: Lines, weight: Array) -> Lines:

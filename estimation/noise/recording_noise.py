@@ -19,14 +19,12 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 
-# Noise of the predicted wrench that comes from the measured motion: errors in variables of a single run.
-
-
 Array = NDArray[np.float64]
 
 DRAWN_SAMPLES = 50_000
 """Samples of all draws together."""
 FEWEST_DRAWS, MOST_DRAWS = 4, 16
+"""Draws of a long and of a short run: the variance of a few is averaged over `WINDOW` samples too."""
 NEGLIGIBLE = 0.99
 """Of a weight: a smaller change changes no estimate."""
 WINDOW = 5
@@ -123,13 +121,13 @@ class RecordingNoise:
         Where the motion of a run is less certain than usual, its rows weigh less; an autoregression does not.
         """
         if isinstance(self.whitener, AutoregressiveWhitener):
-            found = self.whitener.noise
+            noise = self.whitener.noise
         else:
             assert isinstance(self.whitener, FourierLineWhitener)
             root = self.whitener.root
             covariance: FourierLines = np.linalg.inv(root.conj().transpose(0, 2, 1) @ root).astype(np.complex128)
-            found = NoiseModel.of_spectrum(self.frequency, covariance)
-        return replace(found, source=self.source, sample_std=self.floor)
+            noise = NoiseModel.of_spectrum(self.frequency, covariance)
+        return replace(noise, source=self.source, sample_std=self.floor)
 
     def log_power_variance_of(self, shares: Array, first: int = 0) -> Array:
         """Variance (g,) of the logarithm of sums of squared rows, to which each row contributes by `shares` (r, g).
@@ -145,7 +143,7 @@ class RecordingNoise:
         lines = (real + imaginary).transpose(2, 0, 1)
         within = slice(rows.start // (2 * p), rows.stop // (2 * p))
         curves = zip(self.spectra, self._bases, lines, strict=True)
-        return np.asarray(sum(s.mean_log_variance(basis[within], own.T) for s, basis, own in curves))
+        return np.asarray(sum(s.mean_log_variance(basis[within], weights.T) for s, basis, weights in curves))
 
     @cached_property
     def _bases(self) -> tuple[Array, ...]:

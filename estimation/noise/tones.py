@@ -147,8 +147,8 @@ def _neighbouring_power(ordinates: Array) -> Array:
 def _median_of_known(values: Array) -> Array:
     """Median over the first axis of what is not NaN; `numpy.nanmedian` takes ten times as long for few values."""
     ordered = np.sort(values, axis=0)  # NaN last
-    known = np.isfinite(values).sum(axis=0, keepdims=True)
-    middle = [np.take_along_axis(ordered, place, axis=0)[0] for place in ((known - 1) // 2, known // 2)]
+    count = np.isfinite(values).sum(axis=0, keepdims=True)
+    middle = [np.take_along_axis(ordered, place, axis=0)[0] for place in ((count - 1) // 2, count // 2)]
     return np.asarray(sum(middle) / 2)
 
 
@@ -161,17 +161,17 @@ def find_tones(recording: Recording, residual: Array) -> tuple[float, ...]:
     """
     if recording.repeats < 2 or not recording.continuous:
         return ()
-    found: list[float] = []
+    frequencies: list[float] = []
     for _ in range(MAX_TONES):
-        remaining = NonperiodicResidual(recording, residual, tuple(found))
+        remaining = NonperiodicResidual(recording, residual, tuple(frequencies))
         if remaining.power.size == 0 or remaining.power.max() < np.log(remaining.power.size / LEVELS.tone):
             break
         line, _channel = np.unravel_index(int(remaining.power.argmax()), remaining.power.shape)
         level = np.abs(np.fft.rfft(remaining.nonperiodic, axis=0)[remaining.lines[line]]) ** 2 / np.maximum(
             remaining.power[line], 1e-300
         )
-        found.append(remaining.sharpened(float(remaining.lines[line]), 1 / np.maximum(level, 1e-300)))
-    return tuple(found)
+        frequencies.append(remaining.sharpened(float(remaining.lines[line]), 1 / np.maximum(level, 1e-300)))
+    return tuple(frequencies)
 
 
 def sinusoids(recording: Recording, frequencies: Sequence[float]) -> Array:
@@ -187,11 +187,6 @@ def without_sinusoids(residual: Array, recording: Recording, frequencies: Sequen
         return residual
     waves = sinusoids(recording, frequencies)
     return np.asarray(residual - waves @ np.linalg.lstsq(waves, residual, rcond=None)[0])
-
-
-# Orthonormal basis of recording-specific disturbances (drift, auxiliary signals, transient events, tones).
-#
-# Their part that is periodic with the motion is subtracted.
 
 
 DRIFT_DEGREE = BiasDrift().degree

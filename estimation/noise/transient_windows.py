@@ -103,10 +103,10 @@ def variances_of_sums(autocovariance: Array) -> Array:
 
 def inside(windows: Iterable[Window], samples: int) -> SampleMask:
     """Samples (n,) in any of the windows."""
-    found = np.zeros(samples, dtype=bool)
+    selected = np.zeros(samples, dtype=bool)
     for first, last in windows:
-        found[first:last] = True
-    return found
+        selected[first:last] = True
+    return selected
 
 
 def samples_of(event: tuple[float, float], step: float, samples: int) -> Window:

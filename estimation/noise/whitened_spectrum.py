@@ -18,9 +18,6 @@ from scipy.fft import dct, idct
 
 from estimation.multiplicity import chi_square_p_value
 
-# Power of noise where a score comes from, as far as its spectrum is known: the p-value of a score in it.
-
-
 Array = NDArray[np.float64]
 
 BINS = 128
@@ -71,9 +68,9 @@ class NoiseLevel:
     def _distribution(self) -> tuple[Array, Array]:
         """Values and probabilities of the sum of all parts."""
         values, probability = np.array([self.known]), np.ones(1)
-        for part, chance in self.parts:
+        for power, chance in self.parts:
             likely = chance > NEGLIGIBLE * chance.max()
-            values = (values[:, None] + part[likely]).ravel()
+            values = (values[:, None] + power[likely]).ravel()
             probability = (probability[:, None] * chance[likely]).ravel()
             values, probability = _binned(values, probability)
         return values, probability / probability.sum()
@@ -105,6 +102,7 @@ CORNERS = 48
 EXPONENTS = (0.7, 1.0, 1.4)
 """Of the 1/f part: those of sensors are about 1, and what an autoregression leaves is not exactly a power."""
 HIGHEST_CORNER = 10.0
+"""Times the highest line: with the corner beyond it the spectrum is 1/f at all lines."""
 SPREAD = 2.0
 """Std of a record's mean power, by which it may exceed that of the process."""
 
@@ -143,8 +141,8 @@ class WhitenedSpectrum:
         probability = np.exp(log_likelihood - log_likelihood.max(axis=0)) * prior
         likely = (probability > NEGLIGIBLE * probability.max(axis=0)).any(axis=1)
         probability = probability[likely] / probability[likely].sum(axis=0)
-        found = white[likely][:, None, :] / shapes.inverse[likely][:, :, None]
-        return cls(shapes.bins, shapes.bins.of_known_mean(found) if stated else found, probability)
+        spectra = white[likely][:, None, :] / shapes.inverse[likely][:, :, None]
+        return cls(shapes.bins, shapes.bins.of_known_mean(spectra) if stated else spectra, probability)
 
     @property
     def rows(self) -> int:

@@ -71,12 +71,12 @@ class Whitener(ABC):
         return rows[..., 0], rows[..., 1:]
 
 
-def _joined(part: tuple[Array, Array]) -> Array:
+def _joined(tangent: tuple[Array, Array]) -> Array:
     """A value (n, p, ...) and its derivative (n, p, ..., k) as one series (n, p, ..., 1 + k).
 
     No copy where both are views of such a series.
     """
-    value, derivative = part
+    value, derivative = tangent
     whole, shape = value.base, (*value.shape, 1 + derivative.shape[-1])
     is_joint = whole is not None and whole is derivative.base and whole.shape == shape
     if whole is not None and is_joint and _same_view(value, whole[..., 0]) and _same_view(derivative, whole[..., 1:]):
@@ -125,8 +125,8 @@ class FourierLineWhitener(Whitener):
         """Rows of a series over the whole record, those of the excited lines first."""
         columns = _ColumnBatches.of(values, self.rows)
         excited, non_excited = np.split(columns.rows, [self.periodic_rows], axis=1)
-        for part, selection in columns.parts():
-            lines = scipy.fft.rfft(part)
+        for series, selection in columns.parts():
+            lines = scipy.fft.rfft(series)
             self._whiten(lines[:, :, self.excited_lines], excited[selection], self._roots[0])
             if len(self.non_excited_lines):
                 self._whiten(lines[:, :, self.non_excited_lines], non_excited[selection], self._roots[1])
@@ -137,16 +137,16 @@ class FourierLineWhitener(Whitener):
     def steady_state(self, values: Array) -> Array:
         """Rows of a periodic series, given one repeat, at the excited lines."""
         columns, excited = _ColumnBatches.of(values, self.periodic_rows), self.excited_lines // self.repeats
-        for part, selection in columns.parts():
-            self._whiten(scipy.fft.rfft(part)[:, :, excited] * self.repeats, columns.rows[selection], self._roots[0])
+        for series, selection in columns.parts():
+            self._whiten(scipy.fft.rfft(series)[:, :, excited] * self.repeats, columns.rows[selection], self._roots[0])
         _project_out(self.excited_leakage, columns.rows)
         return columns.result
 
     def non_excited(self, values: Array) -> Array:
         """Rows of a series over the whole record at the non-excited lines."""
         columns = _ColumnBatches.of(values, self.rows - self.periodic_rows)
-        for part, selection in columns.parts():
-            self._whiten(scipy.fft.rfft(part)[:, :, self.non_excited_lines], columns.rows[selection], self._roots[1])
+        for series, selection in columns.parts():
+            self._whiten(scipy.fft.rfft(series)[:, :, self.non_excited_lines], columns.rows[selection], self._roots[1])
         _project_out(self.non_excited_leakage, columns.rows)
         return columns.result
 
@@ -183,9 +183,9 @@ def _project_out(directions: Array | None, rows: Array) -> None:
         return
     scale = np.sqrt(directions.shape[1] / (directions.shape[1] - len(directions)))
     for first in range(0, len(rows), COLUMNS_AT_ONCE):
-        part = rows[first : first + COLUMNS_AT_ONCE]
-        part -= (part @ directions.T) @ directions
-        part *= scale
+        batch = rows[first : first + COLUMNS_AT_ONCE]
+        batch -= (batch @ directions.T) @ directions
+        batch *= scale
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,8 +209,8 @@ class _ColumnBatches:
         """Batches of columns (c, p, n), each with its slice."""
         batch = max(1, TRANSFORM_BATCH // max(1, self.series[0].size)) if len(self.series) else 1
         for first in range(0, len(self.series), batch):
-            part = slice(first, first + batch)
-            yield self.series[part], part
+            selection = slice(first, first + batch)
+            yield self.series[selection], selection
 
     @property
     def result(self) -> Array:
@@ -251,8 +251,8 @@ class AutoregressiveWhitener(Whitener):
     def series(self, values: Array) -> Array:
         """Rows of a series over the whole record."""
         columns = _ColumnBatches.of(block_means(values, self.noise.block), self.rows)
-        for part, selection in columns.parts():
-            self._whiten(part, columns.rows[selection].reshape(len(part), -1, part.shape[1]))
+        for series, selection in columns.parts():
+            self._whiten(series, columns.rows[selection].reshape(len(series), -1, series.shape[1]))
         return columns.result
 
     def _whiten(self, means: Array, rows: Array) -> None:

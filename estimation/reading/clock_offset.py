@@ -31,14 +31,12 @@ if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
 
-# Alignment curves: the wrench and what the motion explains of it, by the stamps as read and by the clock offset.
-
-
 MOST_ROWS = 5000
 """Rows from which the coefficients of the picture are taken."""
 SHIFTS, SHORTEST_SHOWN, LONGEST = 20.0, 0.6, 4.0
 """Length of the part that is shown: in offsets, so that a shift can be seen, and its limits in s."""
 POINTS = 600
+"""Of a curve in the picture, about: a panel has fewer pixels across."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -91,22 +89,29 @@ LARGEST_OFFSET = 2.0
 SHORTEST = 2.0
 """Seconds of overlap, inside the range that is searched, below which as many coefficients fit anything."""
 SCAN_STEP = 0.02
+"""Seconds between offsets that are tried, and the longest step of the refinement from the best of them."""
 SCAN_ROWS = 2500
+"""Rows to which the wrench is averaged for the scan, at least: its 200 fits are quick then."""
 REFINE_ROWS = 20_000
+"""First rows in common that the refinement fits: a longer record would take more memory and time."""
 BLOCKS = 20
+"""Contiguous parts of the record whose scores give the variance of the estimate: long against the residual's memory."""
 ITERATIONS = 25
+"""Of the refinement, at most: the weights of the rows change with it, so that it converges linearly."""
 WEIGHT_WINDOW = 0.2
 """Seconds over which a row's residual is averaged for its weight."""
 USUAL_VARIANCE = 3.0
 """Times the median variance of the residual, up to which a row has its full weight."""
 LEAST_CORRELATION = 0.3
+"""Share of the wrench that the motion explains, below which most of it is something else, as may be the minimum."""
 LARGEST_STD = 0.02
 """Seconds; an offset that is known no better is not applied."""
 NEAR = np.linspace(-5, 5, 13)
 """Offsets about the estimate, in its std, of which the picture shows chi-square."""
 NEAR_ROWS = 2000
+"""Of which the picture shows chi-square, at least; it is of some rows only, as each offset takes a fit."""
 QUARTER_TURN_TOLERANCE = 0.35
-"""Radians."""
+"""Radians, 20 degrees, within which an axis is a whole quarter turn: less than half of the way to 45 degrees."""
 TINY = 1e-12
 """In place of a divisor of zero, of quantities of the size of 1."""
 SEARCHED_SHARE = 0.25
@@ -222,7 +227,7 @@ def _planar(signals: Mapping[str, Array], gravity: float) -> tuple[Array, Array,
 def _forces(velocity: Array, levers: list[Array]) -> Array:
     """Drags along the velocity (n, d), linear and quadratic, and further forces, (n, r, d), but none of zeros."""
     speed = np.linalg.norm(velocity, axis=1, keepdims=True)
-    return np.stack([part for part in (velocity, speed * velocity, *levers) if part.any()] or [velocity], axis=1)
+    return np.stack([drag for drag in (velocity, speed * velocity, *levers) if drag.any()] or [velocity], axis=1)
 
 
 def clock_offset(motion: MotionRegressors, stamps: Array, wrench: Array, around: float = 0.0) -> OffsetReading | None:
@@ -238,15 +243,15 @@ def clock_offset(motion: MotionRegressors, stamps: Array, wrench: Array, around:
     scan = around + np.arange(-reach, reach + SCAN_STEP, SCAN_STEP)
     costs = np.array([_cost(motion, *coarse, offset) for offset in scan])
     best = _nearest_minimum(scan - around, costs)
-    known = np.abs(stamps - scan[best] - motion.instants.mean()) < 0.5 * np.ptp(motion.instants) - SCAN_STEP
-    refined = stamps[known][:REFINE_ROWS], wrench[known][:REFINE_ROWS]
+    overlapping = np.abs(stamps - scan[best] - motion.instants.mean()) < 0.5 * np.ptp(motion.instants) - SCAN_STEP
+    refined = stamps[overlapping][:REFINE_ROWS], wrench[overlapping][:REFINE_ROWS]
     offset, std, weights = _refined(motion, *refined, float(scan[best]))
     share = 1 - float(np.exp(_cost(motion, *coarse, offset) - _cost(motion, *coarse, None)))
     sure = std < LARGEST_STD and share > LEAST_CORRELATION and 0 < best < len(scan) - 1
     others = tuple(float(scan[i]) for i in _deep_minima(costs) if abs(i - best) * SCAN_STEP > OTHER_OFFSET)
     shares = 1 - np.exp(costs - _cost(motion, *coarse, None))
-    forces = readings[known, : motion.dimension]
-    aligned = AlignmentCurves.of(motion.of_forces, stamps[known], forces, offset, around)
+    forces = readings[overlapping, : motion.dimension]
+    aligned = AlignmentCurves.of(motion.of_forces, stamps[overlapping], forces, offset, around)
     near = offset + std * NEAR if np.isfinite(std) else np.zeros(0)
     chi_square = _chi_square(motion, *refined, near, weights)
     curves = OffsetCurves(offsets=scan, share=shares, near=near, chi_square=chi_square, **vars(aligned))
@@ -335,8 +340,8 @@ def _chi_square(motion: MotionRegressors, stamps: Array, wrench: Array, offsets:
     roots = np.sqrt(weights[every])
     fits = [_AlignedFit(motion, stamps[every] - float(offset), wrench[every], roots) for offset in offsets]
     sums = np.array([(fit.residual**2).sum(axis=0) for fit in fits])
-    found = (sums / np.maximum(sums.min(axis=0) / len(stamps), TINY)).sum(axis=1)
-    return np.asarray(found - found.min())
+    chi_squares = (sums / np.maximum(sums.min(axis=0) / len(stamps), TINY)).sum(axis=1)
+    return np.asarray(chi_squares - chi_squares.min())
 
 
 @dataclass(frozen=True, eq=False)

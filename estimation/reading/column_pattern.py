@@ -46,10 +46,10 @@ class ColumnPattern:
             return None
         groups = match.groupdict()
         kind = (groups.get("kind") or "").lower()
-        part = (groups.get("part") or "").lower()
+        component = (groups.get("part") or "").lower()
         if kind:
-            part = ("f" if kind.startswith("f") else "t") + part
-        return (groups.get("stem") or "").strip("._/[ :-"), part
+            component = ("f" if kind.startswith("f") else "t") + component
+        return (groups.get("stem") or "").strip("._/[ :-"), component
 
 
 _SEP = r"[\[\]_./: -]*"

@@ -15,9 +15,6 @@ from estimation.reading.orientation_form import OrientationForm
 from modeling.errors import InputError, cut, quoted
 from modeling.rig import PLANAR_CHANNELS, SPATIAL_CHANNELS
 
-# Incomplete vector: columns that would be a wrench or an orientation, if none of them were missing.
-
-
 MOST_NAMES, SHOWN_PARTS = 8, 3
 """Columns that a message names, and parts of a vector; of more the first and the last."""
 LEAST_SHARE = 0.5
@@ -57,36 +54,36 @@ class IncompleteVector:
 def nearest_vector(tables: Iterable[LogTable], quantities: Sequence[Quantity]) -> IncompleteVector | None:
     """The incomplete vector of these quantities that lacks least, the best pattern first; None without any."""
     patterns = [p for p in PATTERNS if p.quantity in quantities and len(p.parts) > 2]
-    found = [
+    nearest = [
         incomplete
         for pattern in patterns
         for table in tables
         for members in columns_by_stem(pattern, table).values()
         if (incomplete := _incomplete(pattern, members)) is not None
     ]
-    return max((v for v in found if v.share > LEAST_SHARE), key=lambda v: v.share, default=None)
+    return max((v for v in nearest if v.share > LEAST_SHARE), key=lambda v: v.share, default=None)
 
 
 def _incomplete(pattern: ColumnPattern, members: dict[str, str]) -> IncompleteVector | None:
     """What of a pattern's parts is there; None where all are, or numbers beyond them."""
     parts = pattern.parts
     if parts[0] == "0" and "0" not in members and str(len(parts)) in members:
-        parts = tuple(str(int(part) + 1) for part in parts)
-    lacking = [part for part in parts if part not in members]
+        parts = tuple(str(int(number) + 1) for number in parts)
+    lacking = [component for component in parts if component not in members]
     if not lacking or not set(members) <= set(parts):
         return None
-    present = tuple(members[part] for part in parts if part in members)
-    return IncompleteVector(present, tuple(_name_of(pattern, part, members) for part in lacking))
+    present = tuple(members[component] for component in parts if component in members)
+    return IncompleteVector(present, tuple(_name_of(pattern, component, members) for component in lacking))
 
 
-def _name_of(pattern: ColumnPattern, part: str, members: dict[str, str]) -> str:
+def _name_of(pattern: ColumnPattern, component: str, members: dict[str, str]) -> str:
     """The name that a column would have: that of another part of its kind, with its own part in the other's place."""
     for other, name in members.items():
         match = re.fullmatch(pattern.regex, name, re.IGNORECASE)
-        if match is not None and other[:-1] == part[:-1]:
+        if match is not None and other[:-1] == component[:-1]:
             start, end = match.span("part")
-            return name[:start] + part[-(end - start) :] + name[end:]
-    return part
+            return name[:start] + component[-(end - start) :] + name[end:]
+    return component
 
 
 COMMANDED = re.compile(
@@ -146,29 +143,29 @@ def column_mapping(tables: Sequence[LogTable], stated: ColumnMap, joint_names: S
 
     Raises InputError where something is missing, or two groups of columns could be it.
     """
-    found = _Groups(tables, stated)
+    groups = _Groups(tables, stated)
     for reference in (*stated.columns.values(), *stated.orientation):
         if not any(reference in table.columns for table in tables):
-            found.place(reference)  # an error, or a qualified name
-    wrench = found.stated_vector(Quantity.WRENCH, SPATIAL_CHANNELS) or found.stated_vector(
+            groups.place(reference)  # an error, or a qualified name
+    wrench = groups.stated_vector(Quantity.WRENCH, SPATIAL_CHANNELS) or groups.stated_vector(
         Quantity.WRENCH, PLANAR_CHANNELS
     )
-    wrench = wrench or found.chosen(Quantity.WRENCH)
+    wrench = wrench or groups.chosen(Quantity.WRENCH)
     if wrench is None:
         if all(table.kind in (ROS_TOPIC, TF_CHAIN) and table.wrench_frame is None for table in tables):
-            raise found.without_wrench()
-        raise found.error("no wrench is recognised", (Quantity.WRENCH,), found.incomplete_wrench())
-    joints = found.joints(joint_names)
+            raise groups.without_wrench()
+        raise groups.error("no wrench is recognised", (Quantity.WRENCH,), groups.incomplete_wrench())
+    joints = groups.joints(joint_names)
     if joints and (joint_names is not None or not stated.orientation):
-        orientation = None if joint_names is not None else found.orientation()
+        orientation = None if joint_names is not None else groups.orientation()
         if orientation is None:
             return ColumnMapping(wrench=wrench, orientation=None, position=None, joints=joints)
     else:
-        orientation = found.orientation()
+        orientation = groups.orientation()
     if orientation is None:
         what = "no motion is recognised: neither an orientation nor joint angles"
-        raise found.error(what, (Quantity.POSE, Quantity.ORIENTATION))
-    return ColumnMapping(wrench=wrench, orientation=orientation, position=found.position(orientation), joints=())
+        raise groups.error(what, (Quantity.POSE, Quantity.ORIENTATION))
+    return ColumnMapping(wrench=wrench, orientation=orientation, position=groups.position(orientation), joints=())
 
 
 @dataclass(frozen=True)
@@ -182,9 +179,9 @@ class _Groups:
         """That something is missing: the nearest of these quantities names what lacks, else the columns are named."""
         where = ", ".join(table.name for table in self.tables[:3])
         near = nearest_vector(self.tables, quantities)
-        found = self.nearest() + hint if near is None or hint else f": {near}"
+        closest = self.nearest() + hint if near is None or hint else f": {near}"
         return InputError(
-            what=what + found, where=where, remedy=f"{ASK}: {EXAMPLES[quantities[0]]}, and give it by --map"
+            what=what + closest, where=where, remedy=f"{ASK}: {EXAMPLES[quantities[0]]}, and give it by --map"
         )
 
     def without_wrench(self) -> InputError:
@@ -219,19 +216,19 @@ class _Groups:
 
     def place(self, reference: str) -> tuple[LogTable, str]:
         """Table and column of a map's reference: the column's name, or `table:column` where two tables have it."""
-        found = [(table, reference) for table in self.tables if reference in table.columns]
-        if not found:
-            found = [
+        places = [(table, reference) for table in self.tables if reference in table.columns]
+        if not places:
+            places = [
                 (table, name)
                 for table in self.tables
                 for name in table.columns
                 if reference in (f"{table.name}:{name}", f"{table.name.rsplit('.', 1)[0]}:{name}")
             ]
-        if len(found) == 1:
-            return found[0]
-        if found:
-            what = f"column {quoted(reference)} occurs in {' and '.join(table.name for table, _ in found)}"
-            raise InputError(what=what, where=self.stated.where, remedy=f'write "{found[0][0].name}:{reference}"')
+        if len(places) == 1:
+            return places[0]
+        if places:
+            what = f"column {quoted(reference)} occurs in {' and '.join(table.name for table, _ in places)}"
+            raise InputError(what=what, where=self.stated.where, remedy=f'write "{places[0][0].name}:{reference}"')
         what = f"there is no column {quoted(reference)}"
         raise InputError(what=what + self.nearest(), where=self.stated.where, remedy="correct the map")
 
@@ -260,8 +257,8 @@ class _Groups:
     def candidates(self, quantity: Quantity) -> list[ColumnGroup]:
         """The complete groups of a quantity, best pattern first, measured before commanded ones."""
         patterns = [pattern for pattern in PATTERNS if pattern.quantity is quantity and pattern.parts]
-        found = [group for pattern in patterns for table in self.tables for group in _matches(pattern, table)]
-        return sorted(found, key=lambda group: bool(COMMANDED.search(group.title)))
+        groups = [group for pattern in patterns for table in self.tables for group in _matches(pattern, table)]
+        return sorted(groups, key=lambda group: bool(COMMANDED.search(group.title)))
 
     def chosen(self, quantity: Quantity) -> ColumnGroup | None:
         """The only group, or the best; InputError when two are equally good."""
@@ -295,10 +292,10 @@ class _Groups:
         both = [*self.candidates(Quantity.POSE), *self.candidates(Quantity.ORIENTATION)]
         order = {pattern: place for place, pattern in enumerate(PATTERNS)}
         both.sort(key=lambda g: (bool(COMMANDED.search(g.title)), not g.preset))
-        found = self.only([g for g in both if _has_samples(g)]) if order else None
-        if found is not None and self.stated.form is not None and len(found.columns) in self.stated.form.columns:
-            found = ColumnGroup(**{**vars(found), "form": self.stated.form})
-        return found
+        chosen = self.only([g for g in both if _has_samples(g)]) if order else None
+        if chosen is not None and self.stated.form is not None and len(chosen.columns) in self.stated.form.columns:
+            chosen = ColumnGroup(**{**vars(chosen), "form": self.stated.form})
+        return chosen
 
     def position(self, orientation: ColumnGroup) -> ColumnGroup | None:
         """The position that belongs to the orientation: of the map, else of the same pose; None without one."""
@@ -321,10 +318,10 @@ class _Groups:
         if named:
             return named
         patterns = [p for p in PATTERNS if p.quantity is Quantity.JOINTS and "joint:" not in p.regex]
-        found = [group for pattern in patterns for table in self.tables for group in _numbered(pattern, table)]
-        found = [g for g in found if names is None or len(g.columns) == len(names)]
-        found.sort(key=lambda g: bool(COMMANDED.search(g.title)))
-        return tuple(found[:1])
+        groups = [group for pattern in patterns for table in self.tables for group in _numbered(pattern, table)]
+        groups = [g for g in groups if names is None or len(g.columns) == len(names)]
+        groups.sort(key=lambda g: bool(COMMANDED.search(g.title)))
+        return tuple(groups[:1])
 
     def _named_joints(self, names: Sequence[str] | None) -> tuple[ColumnGroup, ...]:
         """Joints by the names that ROS gives them, in the order of the rig's arm, else in that of their names."""
@@ -345,10 +342,10 @@ class _Groups:
 
 
 def _has_samples(group: ColumnGroup) -> bool:
-    known = np.ones(group.table.rows, dtype=bool)
+    complete = np.ones(group.table.rows, dtype=bool)
     for name in group.columns:
-        known &= np.isfinite(group.table.columns[name])
-    return bool(known.any())
+        complete &= np.isfinite(group.table.columns[name])
+    return bool(complete.any())
 
 
 def _is_alive(group: ColumnGroup) -> bool:
@@ -363,11 +360,11 @@ def _matches(pattern: ColumnPattern, table: LogTable) -> list[ColumnGroup]:
     for stem, members in columns_by_stem(pattern, table).items():
         parts = pattern.parts
         if parts[0] == "0" and "0" not in members and str(len(parts)) in members:
-            parts = tuple(str(int(part) + 1) for part in parts)
-        numbers = [part for part in members if part.isdigit()]
-        if not all(part in members for part in parts) or (parts[0].isdigit() and len(numbers) > len(parts)):
+            parts = tuple(str(int(number) + 1) for number in parts)
+        numbers = [component for component in members if component.isdigit()]
+        if not all(component in members for component in parts) or (parts[0].isdigit() and len(numbers) > len(parts)):
             continue
-        groups.append(_group(pattern, table, stem, tuple(members[part] for part in parts)))
+        groups.append(_group(pattern, table, stem, tuple(members[component] for component in parts)))
     return groups
 
 
@@ -387,13 +384,13 @@ def _numbered(pattern: ColumnPattern, table: LogTable) -> list[ColumnGroup]:
     """Joint angles numbered from 0 or 1 on without a gap, or by names."""
     groups = []
     for stem, members in columns_by_stem(pattern, table).items():
-        numeric = all(part.isdigit() for part in members)
+        numeric = all(component.isdigit() for component in members)
         parts = sorted(members, key=int) if numeric else sorted(members)
         if numeric and (
             [int(p) for p in parts] != list(range(int(parts[0]), int(parts[0]) + len(parts))) or int(parts[0]) > 1
         ):
             continue
-        columns = tuple(members[part] for part in parts)
+        columns = tuple(members[component] for component in parts)
         targets = tuple(f"q{i}" for i in range(1, len(parts) + 1))
         groups.append(
             ColumnGroup(

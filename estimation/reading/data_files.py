@@ -23,9 +23,6 @@ from estimation.reading.log_reader import (
 from estimation.recordings.column_table import PARQUET_MAGIC, parquet_file
 from modeling.errors import InputError
 
-# Bundle of arrays by name, as MATLAB, NumPy and HDF5 files hold them: those of equal length are a table.
-
-
 MOST_COLUMNS_OF_ARRAY, MATRIX_RATIO = 64, 4
 """A two-dimensional array with more columns, and fewer rows to each, is an image or a matrix."""
 FEWEST_SAMPLES = 3
@@ -71,9 +68,6 @@ def tables_of_arrays(arrays: Mapping[str, NDArray[Any]], *, name: str, kind: str
     return tables
 
 
-# Reader of NumPy's .npy and .npz files; arrays of objects are pickles, and never opened.
-
-
 NUMPY_MAGIC = b"\x93NUMPY"
 NUMPY_HEADER = 1000
 """Bytes that hold the header of an array of one type."""
@@ -82,7 +76,7 @@ LARGEST_ARCHIVE = 1 << 30
 
 
 class NumpyArrays(LogReader):
-    """One array, or a zip file of several."""
+    """One array, or a zip file of several; arrays of objects are pickles, and never opened."""
 
     title = "NumPy .npy or .npz"
 
@@ -113,9 +107,6 @@ class NumpyArrays(LogReader):
             return {name: archive[name] for name in archive.files}
 
 
-# Reader of Excel workbooks (.xlsx), one table a sheet; formulas by the values that were saved with them.
-
-
 ROW_SHARE = 0.5
 """Of a row's filled cells that are numbers: sheets have titles and dates beside them."""
 HEADER_ROWS = 30
@@ -125,7 +116,7 @@ LARGEST_BOOK = 256 << 20
 
 
 class Excel(LogReader):
-    """Excel workbook."""
+    """Excel workbook, one table a sheet; formulas by the values that were saved with them."""
 
     title = "Excel .xlsx"
 
@@ -190,9 +181,6 @@ def _table(name: str, rows: Sequence[Sequence[Any]]) -> LogTable | None:
     return LogTable(name=name, kind="Excel sheet", columns=columns, texts=texts)
 
 
-# Reader of HDF5 files, MATLAB's of version 7.3 among them.
-
-
 HDF5_MAGIC = b"\x89HDF\r\n\x1a\n"
 MATLAB_OFFSET = 512
 """Bytes of MATLAB's own header in front of HDF5."""
@@ -245,9 +233,6 @@ class Hdf5(LogReader):
         arrays[name.strip("/").replace("/", ".")] = dataset[()]
 
 
-# Reader of Parquet files.
-
-
 class Parquet(LogReader):
     """Parquet; null is a missing cell, and what is not numeric is text."""
 
@@ -276,9 +261,6 @@ class Parquet(LogReader):
             else:
                 texts[name] = tuple(str(value)[:TEXT_LENGTH] for value in column.slice(0, 3).to_pylist())
         return [LogTable(name=source.name, kind="Parquet", columns=columns, texts=texts)]
-
-
-# Reader of MATLAB files up to version 7: variables, structs and cells of numeric arrays.
 
 
 DEEPEST = 6

@@ -55,6 +55,7 @@ SPARE_ROWS, FEWEST_ROWS = 1.05, 100
 TEXT_LENGTH, SHOWN_LENGTH, SHOWN_NAMES = 60, 20, 4
 """Characters of a text that are kept and shown, and names that a message repeats."""
 TEXTS_KEPT = 5
+"""Different texts of a column that are kept: enough for a message, and to see a frame that is always the same."""
 NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?|[-+]?(nan|inf|infinity)", re.IGNORECASE)
 DECIMAL_COMMA = re.compile(r"[-+]?(\d+,?\d*|,\d+)([eE][-+]?\d+)?|[-+]?(nan|inf|infinity)", re.IGNORECASE)
 MISSING = ("", "-", "--", "n/a", "na", "null", "none", "#n/a")
@@ -360,10 +361,10 @@ class _Columns:
         empty = 0
         for place, name in enumerate(self.names):
             column = self.arrays[place][: self.rows]
-            known = int(np.isfinite(column).sum())
-            if self.bad[place] > known:
+            finite = int(np.isfinite(column).sum())
+            if self.bad[place] > finite:
                 texts[name] = tuple(self.texts[place])[:TEXTS_KEPT]
-            elif known:
+            elif finite:
                 numbers[name] = column
                 if self.bad[place]:
                     shown = next(iter(self.texts[place]))

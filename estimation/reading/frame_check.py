@@ -32,23 +32,14 @@ from modeling.errors import InputError
 from modeling.kinematics.placement import COMPONENTS, Direction, motion_in_world
 from modeling.rig import SPATIAL_CHANNELS
 
-# Contact evidence: samples whose force is none of a weight that turns with the sensor.
-#
-# A rigid tool's force is linear in the specific force, the angular acceleration and the products of the angular
-# velocity, all in the sensor's axes, with a constant zero; a drag's in the velocities. With free coefficients (mass,
-# mounting, signs, centre of mass) it is fitted to the quieter half of the samples (least trimmed squares, by
-# concentration steps: Rousseeuw and van Driessen, "Computing LTS regression for large data sets", 2006), so that
-# contact in less than half of the time does not spoil it. Of normal residuals in three directions the quieter half has
-# 0.4076 of the variance, and not one in 10 million samples is beyond six std: what lies there comes and goes.
-
-
 OUTLYING = 6
-"""Usual deviations from which a sample is none of a weight and noise."""
+"""Usual deviations from which a sample is none of a weight and noise: not one in 10 million normal ones is beyond."""
 LEAST_SHARE = 0.05
 """Of the samples, from which it is worth saying."""
 STRAIGHT = 1.5
 """Ratio of residuals up to which the force is that of a weight, and the sensor's axes are those of the pose."""
 FEWEST = 200
+"""Samples: ten times the 19 coefficients that are fitted to them."""
 STEPS, PARTS, FEW_ROWS = 30, 10, 2000
 """Concentration steps, parts of the record for their starts, and rows from which the best start is chosen."""
 QUIET_HALF = 0.4076
@@ -73,7 +64,14 @@ class Deviations:
 
 
 def deviations(columns: Mapping[str, Array]) -> Deviations | None:
-    """The deviations in a recording's columns (n,); None of too few samples."""
+    """The deviations in a recording's columns (n,); None of too few samples.
+
+    A rigid tool's force is linear in the specific force, the angular acceleration and the products of the angular
+    velocity, all in the sensor's axes, with a constant zero; a drag's in the velocities. With free coefficients (mass,
+    mounting, signs, centre of mass) it is fitted to the quieter half of the samples (least trimmed squares, by
+    concentration steps: Rousseeuw and van Driessen, "Computing LTS regression for large data sets", 2006), so that
+    contact in less than half of the time does not spoil it.
+    """
     rows = sampled_rows(columns)
     force = np.stack([columns[name][rows] for name in ("fx", "fy", "fz")], axis=1)
     if len(force) < FEWEST:
@@ -131,7 +129,7 @@ def _motion(columns: Mapping[str, Array]) -> tuple[Array, Array]:
     uniform = {"time": time, **{name: columns[name].copy() for name in names}}
     table = ColumnTable(columns=uniform, where="samples", first_row=1)
     signals = recording_from_table(table, name="samples", rig=None).signals
-    omega, alpha = (np.stack([signals[part + axis] for axis in "xyz"], axis=1) for part in ("w", "al"))
+    omega, alpha = (np.stack([signals[prefix + axis] for axis in "xyz"], axis=1) for prefix in ("w", "al"))
     first, second = np.triu_indices(3)
     parts = [alpha, omega, omega[:, first] * omega[:, second]]
     if "vpx" in signals:

@@ -32,6 +32,7 @@ W_FIRST = "the quaternion is w x y z"
 STEP, LONGEST = 0.01, 20_000
 """Seconds between rows that are fitted, and the first rows of a recording among which they are."""
 FEWEST = 50
+"""Rows, fewer of which are poses rather than a motion that can be differentiated."""
 LARGEST_ACCELERATION = 3.0
 """g, root mean square: an arm moves its sensor with less, so that more is in other units."""
 LEAST_TURN = 0.02

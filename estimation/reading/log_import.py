@@ -228,6 +228,7 @@ def _checked(
 
 
 MOST_DIRECTIONS = 600
+"""Of gravity in the picture: as many points cover a sphere."""
 OTHER_UNITS = {**dict.fromkeys(("fx", "fy", "fz"), "N"), **dict.fromkeys(("tau", "tx", "ty", "tz"), "N m")}
 OTHER_UNITS |= {**dict.fromkeys(("qx", "qy", "qz", "qw"), ""), "temperature": "°C"}
 

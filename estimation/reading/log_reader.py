@@ -21,9 +21,6 @@ from numpy.typing import NDArray
 
 from modeling.errors import InputError, TruewrenchError
 
-# Log table: named numeric columns of one source, as found there.
-
-
 Array: TypeAlias = NDArray[np.float64]
 ROS_TOPIC, TF_CHAIN = "ROS topic", "tf chain"
 """Kinds of the tables of a ROS bag."""
@@ -63,9 +60,6 @@ def unique_names(names: Sequence[str]) -> list[str]:
         seen[base] = seen.get(base, 0) + 1
         unique.append(base if seen[base] == 1 else f"{base}.{seen[base]}")
     return unique
-
-
-# Source file: a file of a robot's log, decompressed, with its first bytes to recognise it by.
 
 
 HEAD_BYTES = 1 << 20
@@ -193,6 +187,7 @@ class SourceFile:
 MAX_CELLS = 250_000_000
 """Numbers that a source may hold: two GB in memory."""
 MAX_COLUMNS = 20_000
+"""More than any robot writes: such a table is an image or a matrix."""
 MOST_BAGS = 6
 """Bags below a folder that are named."""
 REASON_LENGTH = 160
@@ -219,7 +214,7 @@ class LogReader(ABC):
 
     @abstractmethod
     def recognises(self, source: SourceFile) -> bool:
-        """Whether the source has this format, by its first bytes."""
+        """Whether the source has this format, by its first bytes or its suffix."""
 
     @abstractmethod
     def tables(self, source: SourceFile) -> list[LogTable]:

@@ -332,10 +332,10 @@ def from_arrays(
     --------
     >>> import truewrench as tw
     >>> rig = tw.Rig.read("rig.toml")
-    >>> known = tw.read("train.csv", rig=rig)
-    >>> time = [i * known.dt for i in range(known.samples)]
-    >>> angles = [known.signals[f"q{j}"] for j in (1, 2, 3)]
-    >>> tw.from_arrays(known.wrench, time=time, q=list(zip(*angles)), rig=rig).samples
+    >>> recording = tw.read("train.csv", rig=rig)
+    >>> time = [i * recording.dt for i in range(recording.samples)]
+    >>> angles = [recording.signals[f"q{j}"] for j in (1, 2, 3)]
+    >>> tw.from_arrays(recording.wrench, time=time, q=list(zip(*angles)), rig=rig).samples
     4000
     """
     readings = np.asarray(wrench)

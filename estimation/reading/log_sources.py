@@ -136,8 +136,8 @@ def _span(table: LogTable, time_of: Callable[[LogTable], TimeColumn | None]) -> 
         time = time_of(table)
     except InputError:
         return None
-    known = np.array([]) if time is None else time.epoch + time.stamps[np.isfinite(time.stamps)]
-    return (float(known.min()), float(known.max())) if len(known) else None
+    stamps = np.array([]) if time is None else time.epoch + time.stamps[np.isfinite(time.stamps)]
+    return (float(stamps.min()), float(stamps.max())) if len(stamps) else None
 
 
 # Tables as they are found, named and joined.

@@ -32,6 +32,7 @@ motion may pause."""
 FILLED_SHARE = 0.5
 """Of an auxiliary column's cells; emptier ones are not kept."""
 MOST_AUXILIARY = 40
+"""Further columns that a recording keeps; of a log with more, as of a robot's whole state, only those with a name."""
 RESERVED = {
     *PLANAR_CHANNELS,
     *SPATIAL_CHANNELS,
@@ -63,10 +64,12 @@ class LogStreams:
         for group, columns in self.groups:
             rows = self._own_rows(group, columns)
             # Rows of one table share a clock, unless each is of one topic only.
-            self.one_clock &= all(table is group.table and bool((known & rows).any()) for table, _, known in streams)
-            for place, (table, members, known) in enumerate(streams):
-                if table is group.table and (known & rows).sum() >= SHARED_ROWS * max(known.sum(), rows.sum()):
-                    streams[place] = (table, members | columns, known & rows)
+            self.one_clock &= all(
+                table is group.table and bool((sampled & rows).any()) for table, _, sampled in streams
+            )
+            for place, (table, members, sampled) in enumerate(streams):
+                if table is group.table and (sampled & rows).sum() >= SHARED_ROWS * max(sampled.sum(), rows.sum()):
+                    streams[place] = (table, members | columns, sampled & rows)
                     break
             else:
                 streams.append((group.table, dict(columns), rows))
@@ -77,27 +80,27 @@ class LogStreams:
         rows = np.ones(group.table.rows, dtype=bool)
         for column in columns.values():
             rows &= np.isfinite(column)
-        known = np.flatnonzero(rows)
+        complete = np.flatnonzero(rows)
         time = self.times.of(group.table)
-        if time is not None and len(known):  # a row that is written twice holds nothing
-            known = known[np.concatenate([[True], np.diff(time.stamps[known]) != 0])]
-        if len(known) < 2:
+        if time is not None and len(complete):  # a row that is written twice holds nothing
+            complete = complete[np.concatenate([[True], np.diff(time.stamps[complete]) != 0])]
+        if len(complete) < 2:
             raise InputError(
                 what=f"{group.title} has no samples", where=group.table.name, remedy="give a log that has them"
             )
-        changed, held = held_rows((column[known] for column in columns.values()), len(known))
+        changed, held = held_rows((column[complete] for column in columns.values()), len(complete))
         share = 1 - float(changed.mean())
-        total = len(known)
+        total = len(complete)
         if held:
             what = f"{group.quantity.value} held for {held} rows each: only its new values are used"
-            at = self._spans(group.table, known[~changed])
+            at = self._spans(group.table, complete[~changed])
             self.log.mended(what, group.table.name, total - int(changed.sum()), total, at, columns)
             rows = np.zeros(group.table.rows, dtype=bool)
-            rows[known[changed]] = True
+            rows[complete[changed]] = True
         elif share > (REPEATED_WRENCH if group.quantity is Quantity.WRENCH else REPEATED_MOTION):
             what, at = (
                 f"{group.quantity.value} repeats its last value",
-                self._spans(group.table, known[~changed]),
+                self._spans(group.table, complete[~changed]),
             )
             self.log.suspicious(what, group.table.name, total - int(changed.sum()), total, at, columns)
         return rows
@@ -147,8 +150,8 @@ class LogStreams:
                 what = f"numbers of {cut(name)} beyond {LARGEST_VALUE:g} taken as missing"
                 self.log.mended(what, table.name, damaged, len(column))
                 column = np.where(plausible, column, np.nan)
-            known = column[plausible]
-            if len(known) < FILLED_SHARE * len(column) or not len(known) or (known[0] == known).all():
+            sound = column[plausible]
+            if len(sound) < FILLED_SHARE * len(column) or not len(sound) or (sound[0] == sound).all():
                 continue
             key = named.get(name, name.replace(",", "_").replace('"', ""))
             key = "temperature" if key.lower() in ("temp", "temperature") else key

@@ -39,7 +39,7 @@ from modeling.rig import Convention, Rig
 DEGREE = pi / 180
 POSITION = ("px", "py", "pz")
 FASTEST = 15.0
-"""rad/s, which no joint of an arm reaches: the fastest industrial ones turn at 10 rad/s."""
+"""rad/s: joints of collaborative arms turn at 2 pi at most, and angles in degrees look 57 times as fast."""
 SPEED_TIME = 0.05
 """Seconds over which a speed is taken, so that the resolution of the angles is none."""
 
@@ -51,8 +51,10 @@ def motion_evidence(recording: Recording) -> FrameEvidence | None:
         channels = dict(zip(thin.channels, thin.wrench.T, strict=True))
         time = {} if thin.time is None else {"time": thin.time}
         direction = None if thin.rig is None else thin.rig.gravity_direction
-        known = thin.motion.recorded.derivatives.get(POSITION)
-        return frame_evidence({**thin.columns, **channels, **time}, direction, None if known is None else known.second)
+        position = thin.motion.recorded.derivatives.get(POSITION)
+        return frame_evidence(
+            {**thin.columns, **channels, **time}, direction, None if position is None else position.second
+        )
     if thin.form is MotionForm.JOINTS and thin.arm is None:
         return None
     as_read, *others = _readings(thin)
@@ -67,12 +69,12 @@ def thinned(recording: Recording) -> Recording:
         rows = slice(0, recording.samples_per_repeat)
     columns = {name: column[rows] for name, column in recording.columns.items()}
     time = None if recording.time is None else recording.time[rows]
-    known: dict[tuple[str, ...], Derivatives] = {}
+    derivatives: dict[tuple[str, ...], Derivatives] = {}
     if recording.form is not MotionForm.PLANAR_POSE and recording.continuous and _repeats_alike(recording):
         # The Fourier series of the period is at hand, and quicker than a smoothing spline of its own.
         _ = recording.signals
-        known = {key: derived.rows(rows) for key, derived in recording.motion.recorded.derivatives.items()}
-    run = recording.moved(columns=columns, time=time, repeats=1, continuous=True, derivatives=known)
+        derivatives = {key: derived.rows(rows) for key, derived in recording.motion.recorded.derivatives.items()}
+    run = recording.moved(columns=columns, time=time, repeats=1, continuous=True, derivatives=derivatives)
     return replace(run, wrench=recording.wrench[rows])
 
 
@@ -144,11 +146,11 @@ def _with_columns(recording: Recording, factors: Mapping[str, float]) -> Recordi
     """The recording with columns times factors, and with the derivatives known of them; phi is unwrapped before."""
     columns = {name: column * factors.get(name, 1.0) for name, column in recording.columns.items()}
     rescaled = {}
-    for key, known in recording.motion.recorded.derivatives.items():
+    for key, derived in recording.motion.recorded.derivatives.items():
         if "phi" not in key:
             scale = np.array([factors.get(name, 1.0) for name in key])
-            value, first, second = (part * scale for part in (known.value, known.first, known.second))
-            rescaled[key] = replace(known, value=value, first=first, second=second, spline=None)
+            value, first, second = (series * scale for series in (derived.value, derived.first, derived.second))
+            rescaled[key] = replace(derived, value=value, first=first, second=second, spline=None)
     return recording.moved(columns=columns, derivatives=rescaled)
 
 

@@ -19,7 +19,9 @@ from modeling.errors import InputError, quoted
 POSITION = ("px", "py", "pz")
 PLANAR_FORM = OrientationForm("planar")
 UNIT_NORM = 1e-3
+"""Of the square of a quaternion's norm, by which it may differ from 1: the rounding of four decimals and more."""
 LARGEST_NUMBER = 1e9
+"""Beyond any force, angle and position in a log's units: overflow marks and damaged bytes are larger."""
 LARGEST_LEVER = 20.0
 """Metres: no arm reaches further, so that larger positions are in millimetres."""
 LARGEST_JOINT = 2.5 * 2 * pi
@@ -190,21 +192,21 @@ def stated_frame(table: LogTable) -> str:
 
 def _is_continuous(parts: Sequence[Array]) -> bool:
     """Whether quaternions in four columns (n,) have a norm of 1, and none points away from the one before."""
-    squares = sum((part * part for part in parts), np.zeros(1))
+    squares = sum((component * component for component in parts), np.zeros(1))
     if (np.abs(squares - 1) > UNIT_NORM).any():
         return False
-    return not bool((sum((part[1:] * part[:-1] for part in parts), np.zeros(1)) < 0).any())
+    return not bool((sum((component[1:] * component[:-1] for component in parts), np.zeros(1)) < 0).any())
 
 
 def _without_jumps(quaternions: Array) -> Array:
     """Quaternions (n, 4) of which none points away from the one before; the same array where nothing changes."""
-    known = np.flatnonzero(np.isfinite(quaternions).all(axis=1))
-    rows = quaternions if len(known) == len(quaternions) else quaternions[known]
+    complete = np.flatnonzero(np.isfinite(quaternions).all(axis=1))
+    rows = quaternions if len(complete) == len(quaternions) else quaternions[complete]
     flips = np.einsum("ij,ij->i", rows[1:], rows[:-1]) < 0
     if not flips.any():
         return quaternions
     signs = np.ones(len(quaternions))
-    signs[known] = np.where(np.concatenate([[0], np.cumsum(flips)]) % 2 == 0, 1.0, -1.0)
+    signs[complete] = np.where(np.concatenate([[0], np.cumsum(flips)]) % 2 == 0, 1.0, -1.0)
     return np.asarray(quaternions * signs[:, None])
 
 
@@ -213,9 +215,9 @@ def _origin_of_inverse(turned: Array, place: Mapping[str, Array]) -> dict[str, A
     from scipy.spatial.transform import Rotation  # slow to import
 
     positions = np.full((len(turned), 3), np.nan)
-    known = np.isfinite(turned).all(axis=1)
+    complete = np.isfinite(turned).all(axis=1)
     origin = np.stack([place[name] for name in POSITION], axis=1)
-    positions[known] = -Rotation.from_quat(turned[known]).apply(origin[known])
+    positions[complete] = -Rotation.from_quat(turned[complete]).apply(origin[complete])
     return dict(zip(POSITION, positions.T, strict=True))
 
 

@@ -205,8 +205,8 @@ def _finite(columns: Mapping[str, Array], where: str, log: StepLog) -> dict[str,
     for name, column in columns.items():
         missing = int((~np.isfinite(column)).sum())
         if missing and missing < FEW_MISSING * len(column):
-            known = np.flatnonzero(np.isfinite(column))
-            column = np.interp(np.arange(len(column)), known, column[known])
+            finite = np.flatnonzero(np.isfinite(column))
+            column = np.interp(np.arange(len(column)), finite, column[finite])
             log.mended(f"empty cells of {name} interpolated", where, missing, len(column))
         elif missing:
             log.taken(f"{name} is left out: mostly empty", where, missing, len(column))

@@ -31,8 +31,8 @@ class OrientationForm:
     def parsed(cls, text: str, where: str) -> Self:
         """The form of a map's text; InputError when it is none of FORMS."""
         plain = re.sub(r"[\s_-]+", " ", text.strip())
-        if found := re.fullmatch(r"(?i:euler)\s+([xyz]{3}|[XYZ]{3})", plain):
-            return cls("euler", found[1])
+        if match := re.fullmatch(r"(?i:euler)\s+([xyz]{3}|[XYZ]{3})", plain):
+            return cls("euler", match[1])
         name = plain.lower().replace("quaternion ", "").replace(" ", "_")
         name = {"matrix_row_major": "matrix_rows", "matrix_column_major": "matrix_columns"}.get(name, name)
         if name not in ("xyzw", "wxyz", "rotation_vector", "matrix_rows", "matrix_columns"):
@@ -66,19 +66,19 @@ class OrientationForm:
         from scipy.spatial.transform import Rotation  # slow to import
 
         quaternions = np.full((len(values), 4), np.nan)
-        known = (np.abs(values) < LARGEST).all(axis=1)
-        rows = values[known]
+        complete = (np.abs(values) < LARGEST).all(axis=1)
+        rows = values[complete]
         if self.name in ("xyzw", "wxyz"):
             turned = _unit(rows, where)
-            quaternions[known] = turned if self.name == "xyzw" else np.roll(turned, -1, axis=1)
+            quaternions[complete] = turned if self.name == "xyzw" else np.roll(turned, -1, axis=1)
         elif self.name == "rotation_vector":
-            quaternions[known] = Rotation.from_rotvec(rows).as_quat()
+            quaternions[complete] = Rotation.from_rotvec(rows).as_quat()
         elif self.name == "euler":
-            quaternions[known] = Rotation.from_euler(self.angles, rows).as_quat()
+            quaternions[complete] = Rotation.from_euler(self.angles, rows).as_quat()
         else:
             matrices = _orthonormal(matrix_blocks(rows, self), where)
             sound = np.isfinite(matrices).all(axis=(1, 2))
-            quaternions[np.flatnonzero(known)[sound]] = Rotation.from_matrix(matrices[sound]).as_quat()
+            quaternions[np.flatnonzero(complete)[sound]] = Rotation.from_matrix(matrices[sound]).as_quat()
         return quaternions
 
 

@@ -21,8 +21,6 @@ from estimation.reading.log_reader import (
 )
 from estimation.reading.sample_mending import interpolated_position, interpolated_quaternion
 
-# Transform tree: the pose of a frame in the root of a bag's tf, from fixed and moving transforms.
-
 LATE = 1e-3
 """Seconds by which messages are received after their stamps, from which it is said: a wrench is delayed by as much."""
 NUMBERS_OF_MESSAGE = 10
@@ -117,12 +115,12 @@ class RosBag(LogReader):
             for topic, kind, received, message in messages(path):
                 EXTRACTORS[kind](topics, topic, message, received * 1e-9)
                 require_size(topics.messages * NUMBERS_OF_MESSAGE, str(source.path))
-            found = topics.tables()
+            tables = topics.tables()
             unread = unread_topics(path) if not topics.frames else ()
-        if not found and unread:
+        if not tables and unread:
             what = f"{NO_WRENCH}; its topics are {', '.join(unread)}"
             raise source.error(what, "record the topics of wrench and pose, or joint states")
-        return [replace(table, unread=unread) for table in found]
+        return [replace(table, unread=unread) for table in tables]
 
 
 def unread_topics(path: Path) -> tuple[str, ...]:
@@ -141,10 +139,10 @@ def messages(path: Path) -> Iterator[tuple[str, str, int, Any]]:
     from rosbags.typesys import Stores, get_typestore
 
     with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
-        known = [c for c in reader.connections if c.msgtype in EXTRACTORS]
-        if not known:
+        connections = [c for c in reader.connections if c.msgtype in EXTRACTORS]
+        if not connections:
             return
-        for connection, received, raw in reader.messages(known):
+        for connection, received, raw in reader.messages(connections):
             yield connection.topic, connection.msgtype, received, reader.deserialize(raw, connection.msgtype)
 
 
@@ -172,13 +170,13 @@ class _Topics:
 
     def tables(self) -> list[LogTable]:
         """A table for each topic and set of columns, and one for the pose of the wrench's frame by tf."""
-        found = [self._table(topic, names, rows) for (topic, names), rows in self.rows.items()]
+        tables = [self._table(topic, names, rows) for (topic, names), rows in self.rows.items()]
         frames = [frame for frame in dict.fromkeys(self.frames.values()) if frame]
         chains = [TransformTree(self.transforms).pose_columns(frame) for frame in frames]
         for frame, columns in zip(frames, chains, strict=True):
             if columns:
-                found.append(LogTable(name=f"{self.source}:/tf ({frame})", kind=TF_CHAIN, columns=columns))
-        return found
+                tables.append(LogTable(name=f"{self.source}:/tf ({frame})", kind=TF_CHAIN, columns=columns))
+        return tables
 
     def _table(self, topic: str, names: tuple[str, ...], rows: list[tuple[float, ...]]) -> LogTable:
         values = np.array(rows, dtype=np.float64).T

@@ -23,9 +23,6 @@ from estimation.recordings.reading import (
 from estimation.recordings.reading_report import ClockReading, Span, merged, spans
 from modeling.errors import InputError
 
-# Length of repeats, and whether lengths differ as little as those of one motion.
-
-
 SLIGHT_DIFFERENCE, SLIGHT_SAMPLES = 0.02, 3
 """Share of a repeat, and samples, by which repeats may differ in length and be of one motion still."""
 
@@ -203,7 +200,7 @@ def mended_runs(stream: Stream, log: StepLog) -> Series:
     if repeat is None or not starts.size or not (repeat[starts] != repeat[starts - 1]).all():
         return mended(stream, log)
     laid = replace(stream, stamps=_end_to_end(stream.stamps, starts))
-    pieces = [_piece(laid, part) for part in np.split(np.arange(len(repeat)), starts)]
+    pieces = [_piece(laid, rows) for rows in np.split(np.arange(len(repeat)), starts)]
     if min(len(piece.stamps) for piece in pieces) < FEWEST_SAMPLES:
         return mended(stream, log)
     attempt = StepLog(strict=log.strict)
@@ -267,10 +264,10 @@ def _reading(where: str, samples: int, dt: float, stamps: Array, jitter: float) 
 
 
 def _timed_rows(stream: Stream, log: StepLog) -> Index:
-    known = np.isfinite(stream.stamps)
-    if not known.all():
-        log.mended("rows without time left out", stream.where, int((~known).sum()), len(known))
-    return np.flatnonzero(known)
+    timed = np.isfinite(stream.stamps)
+    if not timed.all():
+        log.mended("rows without time left out", stream.where, int((~timed).sum()), len(timed))
+    return np.flatnonzero(timed)
 
 
 def _increasing_rows(stream: Stream, rows: Index, log: StepLog) -> Index:
@@ -412,9 +409,9 @@ def _filled(column: Array, ticks: Index) -> Array:
     for i in np.flatnonzero(np.diff(ticks) > 1):
         near = slice(max(int(i) + 1 - NEIGHBOURS, 0), int(i) + 1 + NEIGHBOURS)
         gap = np.arange(ticks[i] + 1, ticks[i + 1])
-        known = np.isfinite(column[near])
-        if known.any():
-            at = (ticks[near][known]).astype(np.float64)
-            filled = interpolated_position(at, column[near][known][:, None], gap.astype(np.float64))[:, 0]
+        finite = np.isfinite(column[near])
+        if finite.any():
+            at = (ticks[near][finite]).astype(np.float64)
+            filled = interpolated_position(at, column[near][finite][:, None], gap.astype(np.float64))[:, 0]
             full[gap] = np.clip(filled, low, high)
     return full

@@ -54,15 +54,15 @@ class TableTimes:
 
     def __init__(self, stated: ColumnMap, log: StepLog) -> None:
         self.stated, self.log = stated, log
-        self.known: dict[int, TimeColumn | None] = {}
+        self.times: dict[int, TimeColumn | None] = {}
 
     def of(self, table: LogTable) -> TimeColumn | None:
         """The time of a table; None without one. Raises InputError when its unit is in doubt."""
-        if id(table) not in self.known:
-            self.known[id(table)] = self._found(table)
-        return self.known[id(table)]
+        if id(table) not in self.times:
+            self.times[id(table)] = self._time(table)
+        return self.times[id(table)]
 
-    def _found(self, table: LogTable) -> TimeColumn | None:
+    def _time(self, table: LogTable) -> TimeColumn | None:
         stated = self.stated.columns.get("time")
         stated = stated if stated in table.columns else None
         franka = any("o_t_ee" in name.lower() or "_ext_hat_" in name.lower() for name in table.columns)
@@ -150,7 +150,7 @@ def _called_time(table: LogTable) -> Iterator[str]:
     for pattern in TIME_NAMES:
         for name in table.columns:
             bare = name_and_unit(name)[0]
-            if any(re.fullmatch(pattern, part, re.IGNORECASE) for part in (bare, re.split(r"[./:]", bare)[-1])):
+            if any(re.fullmatch(pattern, word, re.IGNORECASE) for word in (bare, re.split(r"[./:]", bare)[-1])):
                 yield name
 
 
@@ -176,24 +176,24 @@ def _pair(table: LogTable) -> TimeColumn | None:
 
 
 def _increases(column: Array) -> bool:
-    known = column[np.isfinite(column)]
-    if len(known) < FEWEST_STAMPS:
+    stamps = column[np.isfinite(column)]
+    if len(stamps) < FEWEST_STAMPS:
         return False
-    steps = np.diff(known)
+    steps = np.diff(stamps)
     return bool((steps >= 0).mean() > INCREASING_SHARE and (steps > 0).mean() > CHANGING_SHARE)
 
 
 def _without_strays(column: Array) -> Array:
     """The stamps, NaN where they are damaged: a single one that is far off, while its neighbours are not."""
     is_stamp = np.abs(column) < LARGEST_VALUE
-    known = np.flatnonzero(is_stamp)
-    stamps = column[known]
+    rows = np.flatnonzero(is_stamp)
+    stamps = column[rows]
     steps = np.diff(stamps)
     if len(stamps) > 2 and steps.any():
         reach = STRAY * float(np.median(np.abs(steps[steps != 0])))
         far, agree = np.abs(steps) > reach, np.abs(stamps[2:] - stamps[:-2]) <= reach
         stray = np.concatenate([[steps[0] < -reach], far[:-1] & far[1:] & agree, [steps[-1] < -reach]])
-        is_stamp[known[stray]] = False
+        is_stamp[rows[stray]] = False
     return column if is_stamp.all() else np.where(is_stamp, column, np.nan)
 
 
@@ -207,8 +207,8 @@ def _one(table: LogTable, name: str, factor: float | None, milliseconds: bool) -
         factor, how = _recognised_factor(column, name, table.name, milliseconds)
     damaged = int(np.isfinite(table.columns[name]).sum() - np.isfinite(column).sum())
     how += f"; damaged stamps, {damaged}, taken as missing" if damaged else ""
-    known = column[np.isfinite(column)]
-    start = float(known[0]) if len(known) else 0.0
+    finite = column[np.isfinite(column)]
+    start = float(finite[0]) if len(finite) else 0.0
     # Whole seconds are taken off before scaling, or stamps of 1e18 ns would be rounded to 0.2 µs once more.
     epoch = np.floor(start * factor) if abs(start * factor) > EXACT_SECONDS else 0.0
     stamps = column * factor if epoch == 0.0 else (column - epoch / factor) * factor
@@ -216,14 +216,14 @@ def _one(table: LogTable, name: str, factor: float | None, milliseconds: bool) -
 
 
 def _recognised_factor(column: Array, name: str, where: str, milliseconds: bool) -> tuple[float, str]:
-    known = column[np.isfinite(column)]
-    if len(known) < 2:
+    stamps = column[np.isfinite(column)]
+    if len(stamps) < 2:
         return 1.0, "s"
-    middle = float(np.median(known))
+    middle = float(np.median(stamps))
     for factor, unit in UNIT_NAMES.items():
         if EPOCH[0] < middle * factor < EPOCH[1]:
             return factor, f"{unit} since 1970" + ("" if factor == 1.0 else ", recognised by their size")
-    steps = np.diff(known)
+    steps = np.diff(stamps)
     step = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
     if step <= SURE_SECONDS:
         return 1.0, "s"

@@ -24,9 +24,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
     from pyarrow import parquet as pq
 
-
-# SI unit of a signal of the motion by its name.
-
+Array: TypeAlias = NDArray[np.float64]
 
 ORIENTATION_ERRORS = ("turn_x", "turn_y", "turn_z")
 """Small rotations of the sensor about its own axes, rad, in which the noise of a quaternion is stated."""
@@ -45,8 +43,6 @@ def signal_unit(signal: str) -> str:
     """The SI unit of a motion signal, of a revolute joint where it is a joint's; empty when it is none."""
     return next((unit for unit, names in _UNITS.items() if re.fullmatch(names, signal)), "")
 
-
-Array: TypeAlias = NDArray[np.float64]
 
 PLAIN_CSV_BYTES = b"0123456789+-.eE, \t\n"
 """Characters of a CSV of decimal numbers below its header; any other needs the general reader."""

@@ -20,9 +20,6 @@ from numpy.typing import NDArray
 from estimation.recordings.smoothing_spline import BasisRows, SmoothingSpline
 from modeling.significance import LEVELS
 
-# A sampled series with its first two derivatives in time.
-
-
 Array = NDArray[np.float64]
 
 
@@ -43,17 +40,14 @@ class Derivatives:
 
     def rows(self, chosen: slice) -> Derivatives:
         """Some rows of the series, without its spline."""
-        value, first, second = (part[chosen] for part in (self.value, self.first, self.second))
+        value, first, second = (series[chosen] for series in (self.value, self.first, self.second))
         return replace(self, value=value, first=first, second=second, spline=None)
 
     def one_after_another(self, count: int) -> Derivatives:
         """Of `count` series side by side, each (N, k): as series (count N, k), without their splines."""
-        parts = (np.concatenate(np.hsplit(part, count)) for part in (self.value, self.first, self.second))
+        parts = (np.concatenate(np.hsplit(series, count)) for series in (self.value, self.first, self.second))
         value, first, second = parts
         return Derivatives(value=value, first=first, second=second, score=self.score[: value.shape[1]])
-
-
-# Derivatives of the series that were smoothed last: what is read, checked, mounted and fitted is smoothed once.
 
 
 KEPT_BYTES = 64_000_000
@@ -78,20 +72,20 @@ class RecentDerivatives:
         """Derivatives and their spline that follow from the arrays `source`, by `derive` where they are not kept."""
         key = _digest(source)
         with self._lock:
-            known = self._kept.get(key)
-            if known is not None:
+            kept = self._kept.get(key)
+            if kept is not None:
                 self._kept.move_to_end(key)
-                return known
-        found = derive()
-        for array in (found[0].value, found[0].score, found[1].spline.coefficients, found[1].factor):
+                return kept
+        derived = derive()
+        for array in (derived[0].value, derived[0].score, derived[1].spline.coefficients, derived[1].factor):
             array.flags.writeable = False  # others get the same ones
-        if _bytes(found) > self.limit:  # it would drive out all others
-            return found
+        if _bytes(derived) > self.limit:  # it would drive out all others
+            return derived
         with self._lock:
-            self._kept[key] = found
+            self._kept[key] = derived
             while self.size > self.limit:
                 self._kept.popitem(last=False)
-        return found
+        return derived
 
     @property
     def size(self) -> int:
@@ -108,8 +102,8 @@ def _digest(arrays: tuple[NDArray[Any], ...]) -> bytes:
 
 
 def _bytes(kept: tuple[Derivatives, SmoothingSpline]) -> int:
-    found, spline = kept
-    arrays = (found.value, found.first, found.second, spline.spline.coefficients, spline.factor)
+    derivatives, spline = kept
+    arrays = (derivatives.value, derivatives.first, derivatives.second, spline.spline.coefficients, spline.factor)
     return sum(array.nbytes for array in arrays)
 
 
@@ -259,16 +253,16 @@ def spline_derivatives(run: Array, dt: float, true: TrueSamples | None = None) -
     every = np.arange(len(run))
     rows = every if true is None else true.rows
     places = every.astype(np.float64) if true is None else true.instants / dt
-    found, spline = RECENT.get((rows, places, run), lambda: _smoothed(rows, places, run))
-    first, second = found.first / dt, found.second / dt**2
-    return replace(found, first=first, second=second, spline=spline.with_samples_every(dt))
+    derivatives, spline = RECENT.get((rows, places, run), lambda: _smoothed(rows, places, run))
+    first, second = derivatives.first / dt, derivatives.second / dt**2
+    return replace(derivatives, first=first, second=second, spline=spline.with_samples_every(dt))
 
 
 def _smoothed(rows: NDArray[np.intp], places: Array, run: Array) -> tuple[Derivatives, SmoothingSpline]:
     """Derivatives per row and row² of a run (N, k), by a smoothing spline through some rows, true at places in rows."""
     spline = SmoothingSpline.of(places, run[rows])
-    found = SplineTimes.of(spline, np.arange(len(run), dtype=np.float64)).derivatives(spline)
-    return replace(found, score=_bayesian_information_criterion(run - found.value, spline.freedom)), spline
+    derivatives = SplineTimes.of(spline, np.arange(len(run), dtype=np.float64)).derivatives(spline)
+    return replace(derivatives, score=_bayesian_information_criterion(run - derivatives.value, spline.freedom)), spline
 
 
 @dataclass(frozen=True, eq=False)

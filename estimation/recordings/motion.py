@@ -89,10 +89,10 @@ class MotionColumns:
         """
         key = tuple(names)
         if not key or key not in self.derivatives:
-            found = self._differentiated(series, held_with or names, antiperiodic)
+            derivatives = self._differentiated(series, held_with or names, antiperiodic)
             if not key:
-                return found
-            self.derivatives[key] = found
+                return derivatives
+            self.derivatives[key] = derivatives
         return self.derivatives[key]
 
     def drawn(self, rng: np.random.Generator, count: int) -> MotionColumns:
@@ -103,7 +103,7 @@ class MotionColumns:
         """
         assert self.time is not None  # static poses are not smoothed
         times, span = np.arange(self.samples) * np.float64(self.dt or 0.0), self.samples * (self.dt or 0.0)
-        splines = {key: found.spline for key, found in self.derivatives.items() if found.spline is not None}
+        splines = {key: d.spline for key, d in self.derivatives.items() if d.spline is not None}
         innovations = [[spline.innovations(rng) for spline in splines.values()] for _ in range(count)]
         draws = {
             key: SplineTimes.of(spline, times).derivatives(spline.drawn(*each)).one_after_another(count)
@@ -232,11 +232,11 @@ class Motion:
             MotionForm.PLANAR_POSE: _planar_motion,
             MotionForm.POSE: _spatial_motion,
         }
-        found = {name: self.recorded.columns[name] for name in self.auxiliary}
-        found |= {"order": np.arange(self.recorded.samples, dtype=float)}
+        signals = {name: self.recorded.columns[name] for name in self.auxiliary}
+        signals |= {"order": np.arange(self.recorded.samples, dtype=float)}
         if self.recorded.time is not None:
-            found["time"] = self.recorded.time
-        return self._in_world(found | derive[self.form](self))
+            signals["time"] = self.recorded.time
+        return self._in_world(signals | derive[self.form](self))
 
     @cached_property
     def world_columns(self) -> Mapping[str, Array]:
@@ -266,8 +266,8 @@ class Motion:
             return None
         if not differing_columns(measured_motion(self), recorded.repeats, continuous=recorded.continuous).any():
             return None
-        own = ColumnsOfRepeats(recorded.columns, recorded.time, recorded.repeats, recorded.continuous)
-        return replace(self, recorded=own)
+        each_repeat = ColumnsOfRepeats(recorded.columns, recorded.time, recorded.repeats, recorded.continuous)
+        return replace(self, recorded=each_repeat)
 
 
 class ModelSignals(Mapping[str, Array]):
@@ -380,20 +380,20 @@ def _joint_motion(motion: Motion) -> dict[str, Array]:
         for q, dq, ddq in zip(*names, strict=True)
     ]
     q, dq, ddq = (
-        np.concatenate([getattr(rate, part) for rate in rates], axis=1) for part in ("value", "first", "second")
+        np.concatenate([getattr(rate, order) for rate in rates], axis=1) for order in ("value", "first", "second")
     )
     pose = {} if motion.arm is None else motion.arm.pose(q, dq, ddq)
     joints = (_named(name, series) for name, series in zip(names, (q, dq, ddq), strict=True))
-    return {key: value for part in joints for key, value in part.items()} | pose
+    return {key: value for series_of_joints in joints for key, value in series_of_joints.items()} | pose
 
 
 def _planar_motion(motion: Motion) -> dict[str, Array]:
     ramp, phi = _ramp_and_periodic_angle(motion)
     angle = _rates(motion, phi, ["phi"], ["dphi"], ["ddphi"])
-    found = {"phi": angle.value[:, 0] + ramp, "dphi": angle.first[:, 0], "ddphi": angle.second[:, 0]}
+    signals = {"phi": angle.value[:, 0] + ramp, "dphi": angle.first[:, 0], "ddphi": angle.second[:, 0]}
     if motion.recorded.dt is not None and "dphi" not in motion.recorded.columns:
-        found["dphi"] = found["dphi"] + (ramp[1] - ramp[0]) / motion.recorded.dt
-    return found | _translation(motion, ("px", "py"), ("vx", "vy"), ("ax", "ay"))
+        signals["dphi"] = signals["dphi"] + (ramp[1] - ramp[0]) / motion.recorded.dt
+    return signals | _translation(motion, ("px", "py"), ("vx", "vy"), ("ax", "ay"))
 
 
 def _ramp_and_periodic_angle(motion: Motion) -> tuple[Array, Array]:
@@ -413,9 +413,9 @@ def _ramp_and_periodic_angle(motion: Motion) -> tuple[Array, Array]:
 
 
 def _spatial_motion(motion: Motion) -> dict[str, Array]:
-    found = _rotation(motion)
+    signals = _rotation(motion)
     position, velocity, acceleration = (tuple(p + axis for axis in "xyz") for p in ("p", "vp", "ap"))
-    return found | _translation(motion, position, velocity, acceleration)
+    return signals | _translation(motion, position, velocity, acceleration)
 
 
 def _rotation(motion: Motion) -> dict[str, Array]:
@@ -438,8 +438,8 @@ def _rotation(motion: Motion) -> dict[str, Array]:
     if measured is not None:
         omega, alpha = measured, motion.recorded.differentiated(motion.recorded.stack(rate_names), rate_names).first
     given = motion.recorded.given(acceleration_names)
-    found = _named(QUATERNION, s.value / np.sqrt(size)) | _named(rate_names, omega)
-    return found | _named(acceleration_names, alpha if given is None else given)
+    signals = _named(QUATERNION, s.value / np.sqrt(size)) | _named(rate_names, omega)
+    return signals | _named(acceleration_names, alpha if given is None else given)
 
 
 def _vector(s: Array, ds: Array) -> Array:
@@ -455,16 +455,16 @@ def _translation(
     """Motion of the sensor origin from its recorded columns; without any its acceleration is zero."""
     zero = np.zeros((motion.recorded.samples, len(position)))
     rate, given = motion.recorded.given(velocity), motion.recorded.given(acceleration)
-    found: dict[str, Array] = {}
+    signals: dict[str, Array] = {}
     derived = zero
     if all(name in motion.recorded.columns for name in position):
         moved = _rates(motion, motion.recorded.stack(position), position, velocity, acceleration)
-        found |= _named(position, moved.value)
+        signals |= _named(position, moved.value)
         rate, derived = moved.first, moved.second
     elif rate is not None:
         derived = motion.recorded.differentiated(motion.recorded.stack(velocity), velocity).first
     if motion.recorded.at_rest:
-        return found | _named(velocity, zero) | _named(acceleration, zero)
+        return signals | _named(velocity, zero) | _named(acceleration, zero)
     if rate is not None:
-        found |= _named(velocity, rate)
-    return found | _named(acceleration, derived if given is None else given)
+        signals |= _named(velocity, rate)
+    return signals | _named(acceleration, derived if given is None else given)

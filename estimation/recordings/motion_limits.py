@@ -29,8 +29,8 @@ def motion_limits(recording: Recording) -> tuple[str, ...]:
     if recording.at_rest:
         return ()
     recording.signals  # noqa: B018  the splines of the motion are those of its signals
-    known = (_held, _lost_frequencies, _unrecorded_acceleration, _constant_orientation)
-    return tuple(sentence for limit in known for sentence in limit(recording))
+    limits = (_held, _lost_frequencies, _unrecorded_acceleration, _constant_orientation)
+    return tuple(sentence for limit in limits for sentence in limit(recording))
 
 
 def world_axes(recording: Recording) -> Array:
@@ -81,12 +81,12 @@ def _lost_frequencies(recording: Recording) -> Iterator[str]:
         mistaken = size > AT_REST and spline.noise_std > UNCERTAIN * size
         share = _acceleration_uncertainty(spline)
         if mistaken or (spline.cutoff > spline.half_rate / 2 and share > UNCERTAIN):
-            known = "its acceleration is not known"
+            remaining = "its acceleration is not known"
             if not mistaken:
-                known = f"its acceleration is known to {min(share, 1.0):.0%} only"
+                remaining = f"its acceleration is known to {min(share, 1.0):.0%} only"
             yield (
                 f"{2 * spline.half_rate:.3g} Hz cannot carry the motion in {', '.join(names)}: what is above "
-                f"{spline.cutoff:.2g} Hz is lost, and {known}; log it faster, or move more slowly"
+                f"{spline.cutoff:.2g} Hz is lost, and {remaining}; log it faster, or move more slowly"
             )
 
 

@@ -46,6 +46,7 @@ FEWEST_SAMPLES = 20
 MOST_ROWS = 1 << 16
 """Rows that are searched; of longer recordings every m-th."""
 CANDIDATES = 24
+"""Minima of the difference function that are judged: the first nearly as deep ones, and half as many deepest ones."""
 MOVING_OUTSIDE = 0.25
 """Share of the moving time that may be outside the repeats, as an approach and a return are."""
 SCORE_BLOCKS = 8
@@ -151,19 +152,19 @@ def motion_components(columns: Mapping[str, Array]) -> list[MotionComponent]:
 
     An orientation is taken as entries of its rotation, which know no sign.
     """
-    found: list[MotionComponent] = []
+    rotations: list[MotionComponent] = []
     joints = sorted(name for name in columns if re.fullmatch(r"q\d+", name))
     if joints:
         return [MotionComponent("angle", np.stack([columns[name] for name in joints], axis=1))]
     if "phi" in columns:
-        found = [MotionComponent("angle", np.stack([np.cos(columns["phi"]), np.sin(columns["phi"])], axis=1))]
+        rotations = [MotionComponent("angle", np.stack([np.cos(columns["phi"]), np.sin(columns["phi"])], axis=1))]
     elif "qw" in columns:
-        found = [MotionComponent("angle", _rotation_entries(*(columns[name] for name in ("qx", "qy", "qz", "qw"))))]
+        rotations = [MotionComponent("angle", _rotation_entries(*(columns[name] for name in ("qx", "qy", "qz", "qw"))))]
     for kind, prefix in (("position", "p"), ("acceleration", "a")):
         names = [prefix + axis for axis in "xyz" if prefix + axis in columns]
         if names:
-            return [*found, MotionComponent(kind, np.stack([columns[name] for name in names], axis=1))]
-    return found
+            return [*rotations, MotionComponent(kind, np.stack([columns[name] for name in names], axis=1))]
+    return rotations
 
 
 def _rotation_entries(x: Array, y: Array, z: Array, w: Array) -> Array:

@@ -26,9 +26,6 @@ from modeling.errors import InputError
 from modeling.rig import PLANAR_CHANNELS, SPATIAL_CHANNELS, Rig
 from modeling.space import Space
 
-# Wrench channels and form of motion of a table by its column names, with errors that name what is missing.
-
-
 JOINT_ANGLE = re.compile(r"q[1-9]\d*")
 Array: TypeAlias = NDArray[np.float64]
 KINEMATICS = {Space.PLANE: "link_lengths", Space.SPACE: "urdf"}

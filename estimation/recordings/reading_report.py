@@ -13,9 +13,6 @@ from numpy.typing import NDArray
 
 from modeling.table import Column, Table, Tabular
 
-# Decimation for pictures: the smallest and the largest sample of each interval, so that no peak is lost.
-
-
 Array: TypeAlias = NDArray[np.float64]
 
 PIXEL_COLUMNS = 360
@@ -32,7 +29,7 @@ def min_max_decimated(x: Array, y: Array, bins: int = PIXEL_COLUMNS) -> tuple[Ar
 def extremes(x: Array, y: Array, edges: NDArray[np.intp]) -> tuple[Array, Array]:
     """The smallest and the largest y between consecutive indices, in order."""
     parts = [(start, y[start:end]) for start, end in pairwise(edges)]
-    index = np.unique([start + i for start, part in parts for i in (int(part.argmin()), int(part.argmax()))])
+    index = np.unique([start + i for start, piece in parts for i in (int(piece.argmin()), int(piece.argmax()))])
     return x[index], y[index]
 
 
@@ -148,9 +145,9 @@ def spans(stamps: Array, of_samples: NDArray[np.bool_] | NDArray[np.int64]) -> t
     return merged([(float(stamps[run[0]]), float(stamps[run[-1]])) for run in runs])
 
 
-def merged(found: Sequence[Span]) -> tuple[Span, ...]:
+def merged(intervals: Sequence[Span]) -> tuple[Span, ...]:
     """The intervals in order; where there are too many to be told apart, near ones as one."""
-    ordered = sorted((min(span), max(span)) for span in found)
+    ordered = sorted((min(span), max(span)) for span in intervals)
     if len(ordered) <= MOST_SPANS:
         return tuple(ordered)
     near = (max(end for _, end in ordered) - ordered[0][0]) / MOST_SPANS
@@ -357,9 +354,9 @@ class ReadingReport(Tabular):
             parts.append(_offset_sentence(self.offset))
         if self.period is not None:
             parts.append(str(self.period))
-        found = {title: self.of(kind) for kind, title in _TITLES.items()}
+        by_title = {title: self.of(kind) for kind, title in _TITLES.items()}
         return parts + [
-            "\n".join([f"{title}:", *(f"  {step}" for step in steps)]) for title, steps in found.items() if steps
+            "\n".join([f"{title}:", *(f"  {step}" for step in steps)]) for title, steps in by_title.items() if steps
         ]
 
     def __str__(self) -> str:
@@ -373,8 +370,8 @@ _TITLES: Mapping[StepKind, str] = {
 }
 
 
-def _without(part: object, *names: str) -> dict[str, Any]:
-    return {name: value for name, value in vars(part).items() if name not in names}
+def _without(described: object, *names: str) -> dict[str, Any]:
+    return {name: value for name, value in vars(described).items() if name not in names}
 
 
 def _offset_data(offset: OffsetReading) -> dict[str, Any]:

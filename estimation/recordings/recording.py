@@ -93,10 +93,10 @@ class Recording(Tabular):
         length = "poses at rest" if self.dt is None else f"samples at {1 / self.dt:.6g} Hz"
         runs = f"{self.repeats} x " if self.repeats > 1 else ""
         used = motion_columns(self.form, self.joints)
-        known = "motion " + " ".join(name for name in used if name in self.columns)
+        names = "motion " + " ".join(name for name in used if name in self.columns)
         if self.auxiliary:
-            known += f"; auxiliary signals {' '.join(self.auxiliary)}"
-        return f"Recording {self.name!r}: {runs}{self.samples_per_repeat} {length}, {' '.join(self.channels)}; {known}"
+            names += f"; auxiliary signals {' '.join(self.auxiliary)}"
+        return f"Recording {self.name!r}: {runs}{self.samples_per_repeat} {length}, {' '.join(self.channels)}; {names}"
 
     def __str__(self) -> str:
         return repr(self)
@@ -119,10 +119,10 @@ class Recording(Tabular):
         """Time, repeat, wrench and every other column as a data frame, which `from_dataframe` takes."""
         import pandas as pd
 
-        found = {} if self.time is None else {"time": np.arange(self.samples) * (self.dt or 1.0)}
+        frame = {} if self.time is None else {"time": np.arange(self.samples) * (self.dt or 1.0)}
         if self.repeats > 1:
-            found["repeat"] = np.repeat(np.arange(self.repeats), self.samples_per_repeat)
-        return pd.DataFrame(found | dict(zip(self.channels, self.wrench.T, strict=True)) | dict(self.columns))
+            frame["repeat"] = np.repeat(np.arange(self.repeats), self.samples_per_repeat)
+        return pd.DataFrame(frame | dict(zip(self.channels, self.wrench.T, strict=True)) | dict(self.columns))
 
     def to_data(self) -> dict[str, Any]:
         """Name and columns as plain data; `from_dataframe` takes a data frame of the columns."""
@@ -210,8 +210,17 @@ class Recording(Tabular):
         return None if self.moved_as_measured is False else self.motion.of_each_repeat
 
     def is_reading_of(self, other: Recording) -> bool:
-        """Whether it has the same readings as another, which may stand on a base that is decided."""
-        return self.wrench is other.wrench
+        """Whether it is another recording as a case reads it: the same but for what was not decided of the other.
+
+        That is gravity's direction and whether the repeats moved in their own way. Same readings of another motion, or
+        on another rig, are another recording, of which a model predicts something else.
+        """
+        if self.wrench is not other.wrench or self.motion.recorded is not other.motion.recorded:
+            return False
+        own, rig = self.rig or Rig(), other.rig or Rig()
+        mounted = rig if rig.gravity_direction is not None else replace(rig, gravity_direction=own.gravity_direction)
+        same_base = mounted.arm == own.arm and mounted.gravity_direction == own.gravity_direction
+        return same_base and self.form is other.form and other.moved_as_measured in (None, self.moved_as_measured)
 
     def averaged(self, series: Array) -> Array:
         """Series (n, k) averaged over the repeats, the average repeated to n samples."""
@@ -222,12 +231,16 @@ class Recording(Tabular):
         return replace(self, wrench=wrench, whole=None)
 
     def moved(self, **parts: Any) -> Recording:
-        """The same readings with these parts of the motion replaced: columns, time, repeats, continuous, form, rig."""
+        """The same readings with these parts of the motion replaced: columns, time, repeats, continuous, form, rig.
+
+        Whether repeats of other columns moved in their own way is undecided again.
+        """
         recorded = {f.name: parts.pop(f.name) for f in fields(MotionColumns) if f.name in parts}
         if recorded:
             now = self.motion.recorded
             parts["recorded"] = replace(now, **{"derivatives": {}, "held": {}, **recorded})
-        return replace(self, motion=replace(self.motion, **parts))
+        decided = None if recorded else self.moved_as_measured
+        return replace(self, motion=replace(self.motion, **parts), moved_as_measured=decided)
 
     def drawn_motions(self, rng: np.random.Generator, count: int) -> Recording:
         """`count` runs with motions at random from what the samples leave open, one after another in one recording.
@@ -239,9 +252,6 @@ class Recording(Tabular):
         return replace(self, wrench=np.tile(self.wrench, (count, 1)), motion=motion)
 
 
-# SHA-256 of a recording's readings, by which a file knows the recordings that it was made of.
-
-
 def readings_digest(recording: Recording) -> str:
     """SHA-256 of a recording's readings, by which a calibration or a model file recognises its own."""
     return sha256(np.ascontiguousarray(recording.wrench, dtype="<f8").tobytes()).hexdigest()
@@ -249,13 +259,13 @@ def readings_digest(recording: Recording) -> str:
 
 def require_different_readings(recordings: Sequence[Recording], where: str) -> None:
     """InputError for readings that were given twice: their agreement with themselves would count as evidence."""
-    known: dict[str, str] = {}
+    names: dict[str, str] = {}
     for recording in recordings:
         digest = readings_digest(recording)
-        if digest in known:
-            what = f"{recording.name} has the same readings as {known[digest]}: one recording given twice"
+        if digest in names:
+            what = f"{recording.name} has the same readings as {names[digest]}: one recording given twice"
             raise InputError(what=what, where=where, remedy="give each recording once; validate with another motion")
-        known[digest] = recording.name
+        names[digest] = recording.name
 
 
 def require_channels(recording: Recording, model: WrenchModel) -> None:

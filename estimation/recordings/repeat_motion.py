@@ -34,9 +34,6 @@ from estimation.recordings.differentiation import line_noise_floor, spline_deriv
 from estimation.recordings.motion_period import motion_components
 from modeling.significance import LEVELS
 
-# Whether the readings of repeats contain what differences of their motion add to them.
-
-
 Array = NDArray[np.float64]
 Spectrum = NDArray[np.complex128]
 
@@ -70,11 +67,11 @@ def is_separated(added: Array, readings: Array, repeats: int) -> bool:
     varying = varying_channels(readings)
     if not varying.any():
         return False
-    found, expected = (_contrasts(series[:, varying], repeats) for series in (readings, added))
-    noise = fit_autoregression(found.transpose(0, 2, 1).reshape(-1, found.shape[1]), _with_past(found))
-    found, expected = (noise.innovations(runs).transpose(0, 2, 1) for runs in (found, expected))
-    decorrelated = _decorrelation(found.reshape(-1, found.shape[2]))
-    lines, moved = (_lines(runs @ decorrelated) for runs in (found, expected))
+    contrasts, expected = (_contrasts(series[:, varying], repeats) for series in (readings, added))
+    noise = fit_autoregression(contrasts.transpose(0, 2, 1).reshape(-1, contrasts.shape[1]), _with_past(contrasts))
+    contrasts, expected = (noise.innovations(runs).transpose(0, 2, 1) for runs in (contrasts, expected))
+    decorrelated = _decorrelation(contrasts.reshape(-1, contrasts.shape[2]))
+    lines, moved = (_lines(runs @ decorrelated) for runs in (contrasts, expected))
     return 2 * sum(_evidence(lines[:, b], moved[:, b]) for b in _bands(lines.shape[1])) > LEVELS.separated_by_readings
 
 
@@ -102,7 +99,7 @@ def _evidence(lines: Spectrum, moved: Spectrum) -> float:
     Of a power that is only rounding the ratio is limited.
     """
     count = lines.shape[0] * lines.shape[1]
-    power, left = (np.sum(np.abs(part) ** 2, axis=(0, 1)) for part in (lines, lines - moved))
+    power, left = (np.sum(np.abs(series) ** 2, axis=(0, 1)) for series in (lines, lines - moved))
     seen = power > 0
     return float(count * np.log(power[seen] / np.maximum(left[seen], ROUNDING * power[seen])).sum())
 
@@ -159,15 +156,15 @@ def differing_columns(series: Array, repeats: int, *, continuous: bool) -> NDArr
     """Which columns (k,) of a motion (n, k) differ between the repeats beyond their noise."""
     differences = difference_of(series, repeats)
     size = np.sqrt((differences**2).mean(axis=0))
-    found = size > NEGLIGIBLE * max(float(series.std(axis=0).max()), np.finfo(float).tiny)
-    if not found.any():
-        return np.asarray(found)
+    differing = size > NEGLIGIBLE * max(float(series.std(axis=0).max()), np.finfo(float).tiny)
+    if not differing.any():
+        return np.asarray(differing)
     runs = differences.reshape(repeats, -1, series.shape[1])
     parts = [runs, differences[None]] if continuous else [runs]
-    tests = sum(part.shape[0] * (part.shape[1] // 2 + 1) for part in parts) * series.shape[1]
+    tests = sum(series.shape[0] * (series.shape[1] // 2 + 1) for series in parts) * series.shape[1]
     bound = np.log(tests / LEVELS.repeat_motion)
-    largest = np.max([_largest_line(part) for part in parts], axis=0)
-    return np.asarray(found & (largest > bound))
+    largest = np.max([_largest_line(series) for series in parts], axis=0)
+    return np.asarray(differing & (largest > bound))
 
 
 def _largest_line(runs: Array) -> Array:
@@ -189,16 +186,16 @@ def motion_difference(
     next, and is given without.
     """
     zero = np.zeros_like(series)
-    found = MotionDifference(value=zero, first=zero.copy(), second=zero.copy())
+    difference = MotionDifference(value=zero, first=zero.copy(), second=zero.copy())
     columns = differing_columns(series, repeats, continuous=continuous)
     if not columns.any():
-        return found
+        return difference
     sign = np.where(np.arange(repeats) % 2 == 0, 1.0, -1.0) if antiperiodic else np.ones(repeats)
     signs = np.repeat(sign, len(series) // repeats)[:, None]
     smooth = _smooth_derivatives((series - mean)[:, columns] * signs, repeats, dt, continuous)
-    for target, part in zip((found.value, found.first, found.second), smooth, strict=True):
-        target[:, columns] = part * signs
-    return found
+    for target, derivative in zip((difference.value, difference.first, difference.second), smooth, strict=True):
+        target[:, columns] = derivative * signs
+    return difference
 
 
 def _smooth_derivatives(series: Array, repeats: int, dt: float, continuous: bool) -> tuple[Array, ...]:
@@ -212,7 +209,7 @@ def _smooth_derivatives(series: Array, repeats: int, dt: float, continuous: bool
         if misfit < max(JUMP * least, (NEGLIGIBLE * float(series.std())) ** 2):
             return whole.value, whole.first, whole.second
     parts = (single.value, single.first, single.second)
-    return tuple(part.reshape(-1, repeats, columns).transpose(1, 0, 2).reshape(series.shape) for part in parts)
+    return tuple(runs.reshape(-1, repeats, columns).transpose(1, 0, 2).reshape(series.shape) for runs in parts)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -239,8 +236,8 @@ class RepeatDeviation:
         others = np.median(np.delete(runs, worst, axis=0), axis=0)
         late = _lateness(runs[worst], others)
         moved = np.sqrt(((np.roll(others, late, axis=0) - runs[worst]) ** 2).mean(axis=0).sum()) / size
-        found = float(differences[worst])
-        return cls(repeat=worst, deviation=found, late=late if late and moved < found / 2 else None)
+        deviation = float(differences[worst])
+        return cls(repeat=worst, deviation=deviation, late=late if late and moved < deviation / 2 else None)
 
     @property
     def gross(self) -> bool:
@@ -257,13 +254,13 @@ class RepeatDeviation:
 
 def largest_deviation(columns: Mapping[str, Array], repeats: int) -> RepeatDeviation | None:
     """The largest difference of a repeat's motion from the others', in columns (n,); None where nothing moves."""
-    moving = [part.values for part in motion_components(columns) if part.moves]
+    moving = [component.values for component in motion_components(columns) if component.moves]
     return max((RepeatDeviation.largest(x, repeats) for x in moving), key=lambda d: d.deviation, default=None)
 
 
 def _lateness(run: Array, others: Array) -> int:
     """Samples by which a run (N, k) is late, by the largest of its circular correlation."""
-    centred = [np.fft.rfft(part - part.mean(axis=0), axis=0) for part in (run, others)]
+    centred = [np.fft.rfft(series - series.mean(axis=0), axis=0) for series in (run, others)]
     correlation = np.fft.irfft((centred[0] * centred[1].conj()).sum(axis=1), len(run))
     late = int(np.argmax(correlation))
     return late if late <= len(run) // 2 else late - len(run)

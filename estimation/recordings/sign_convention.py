@@ -24,7 +24,7 @@ from modeling.kinematics.placement import COMPONENTS, quaternion_conjugate, rota
 from modeling.rig import Convention
 from modeling.space import Space
 
-# World vectors in the frame of a sensor whose orientation is recorded.
+Array = NDArray[np.float64]
 
 
 def in_sensor_frame(signals: Mapping[str, Array], vector: Sequence[Any]) -> Array:
@@ -42,8 +42,6 @@ def to_sensor_frame(quaternions: Array) -> Array:
     signals = dict(zip(COMPONENTS, quaternions.T, strict=True))
     return np.stack([in_sensor_frame(signals, axis) for axis in np.eye(3).tolist()], axis=2)
 
-
-Array = NDArray[np.float64]
 
 SIGN_REMEDY = 'state convention = "on_tool" or "on_sensor" under [sensor] in the rig, or add poses in more orientations'
 POSITION = ("px", "py", "pz")

@@ -26,17 +26,14 @@ from scipy.linalg import cho_solve_banded, solve_banded
 from scipy.linalg.blas import dsbmv
 from scipy.linalg.lapack import dpbtrf, dpbtrs, dtbtrs
 
-# Sum of B-splines on given knots, and its derivatives.
-#
-# `scipy.interpolate` has it too, but its import takes a sixth of a `diagnose` in the plane (28 November 2026).
-
-
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
 class BSpline:
     """sum_j c_j B_j(x) with B-splines of one degree.
+
+    `scipy.interpolate` has it too, but its import takes a sixth of a `diagnose` in the plane (28 November 2026).
 
     knots         (m + degree + 1,), ascending; the spline reaches from the first to the last, which may repeat
     coefficients  (m, k), of k series
@@ -76,11 +73,11 @@ class BasisRows:
 
     def derivatives(self, spline: BSpline) -> list[Array]:
         """Values (n, k) of a spline and of its derivatives."""
-        found = [weighted_sum(self.first, self.values[0], spline.coefficients)]
+        values = [weighted_sum(self.first, self.values[0], spline.coefficients)]
         for basis in self.values[1:]:
             spline = spline.derivative()
-            found.append(weighted_sum(self.first, basis, spline.coefficients))
-        return found
+            values.append(weighted_sum(self.first, basis, spline.coefficients))
+        return values
 
 
 def basis_matrix(place: Array, knots: Array, degree: int) -> Array:
@@ -106,24 +103,24 @@ def _basis_of_degrees(place: Array, knots: Array, degree: int, lowest: int) -> t
     piece = np.clip(np.searchsorted(knots, place, side="right") - 1, degree, len(knots) - degree - 2)
     steps = np.arange(degree)[:, None]
     after, before = knots[piece + 1 + steps] - place, place - knots[piece - steps]
-    found = [np.ones((1, len(place)))]
+    values = [np.ones((1, len(place)))]
     for order in range(degree):
         left, right = after[: order + 1], before[order::-1]
-        share = found[-1] / (left + right)
+        share = values[-1] / (left + right)
         basis = np.zeros((order + 2, len(place)))
         basis[:-1] = left * share
         basis[1:] += right * share
-        found.append(basis)
-    return piece - degree, found[lowest:]
+        values.append(basis)
+    return piece - degree, values[lowest:]
 
 
 def weighted_sum(first: NDArray[np.intp], basis: Array, coefficients: Array) -> Array:
     """B c (n, k) of coefficients (m, k), B as `basis_values` gives it."""
-    total, part = np.zeros((2, len(first), coefficients.shape[1]))
+    total, summand = np.zeros((2, len(first), coefficients.shape[1]))
     for j, values in enumerate(basis):
-        np.take(coefficients, first + j, axis=0, out=part, mode="clip")  # with another mode NumPy copies
-        part *= values[:, None]
-        total += part
+        np.take(coefficients, first + j, axis=0, out=summand, mode="clip")  # with another mode NumPy copies
+        summand *= values[:, None]
+        total += summand
     return total
 
 
@@ -164,6 +161,7 @@ KNOTS_PER_SAMPLE = 2
 TIMES_AT_ONCE = 16
 """Whose std is computed together: so many series of memory, and few calls."""
 FEWEST_PIECES = 512
+"""Knot intervals at the start, where the samples allow them; they are doubled until they are enough."""
 PIECES_PER_FREEDOM = 3.0
 """Knot intervals per effective parameter from which more knots change nothing."""
 
@@ -255,7 +253,7 @@ class SmoothingSpline:
 
     def derivatives(self, rows: BasisRows) -> list[Array]:
         """Values (n, k) and derivatives, per s^order, where `rows` are."""
-        return [part * self.scale**order for order, part in enumerate(rows.derivatives(self.spline))]
+        return [values * self.scale**order for order, values in enumerate(rows.derivatives(self.spline))]
 
     def with_samples_every(self, step: float) -> Self:
         """The same spline of samples `step` s apart that are taken to be one second apart here."""
@@ -365,13 +363,13 @@ class _Problem:
         """Number of coefficients of one series."""
         return len(self.knots) - DEGREE - 1
 
-    def is_too_coarse(self, found: Smoothness, finer: _Problem) -> bool:
+    def is_too_coarse(self, best: Smoothness, finer: _Problem) -> bool:
         """Whether the smoothness found needs more knots, or more knots find a motion where these found noise."""
-        if self.freedom(found) * PIECES_PER_FREEDOM >= self.count:
+        if self.freedom(best) * PIECES_PER_FREEDOM >= self.count:
             return True
-        same = found.log_penalty + (2 * found.order - 1) * math.log(finer.count / self.count)
-        rougher = [smoothness for smoothness in _grid(found) if smoothness.log_penalty <= same + GRID_STEP]
-        return min(map(finer.score, rougher)) < self.score(found) - BETTER_SCORE
+        same = best.log_penalty + (2 * best.order - 1) * math.log(finer.count / self.count)
+        rougher = [smoothness for smoothness in _grid(best) if smoothness.log_penalty <= same + GRID_STEP]
+        return min(map(finer.score, rougher)) < self.score(best) - BETTER_SCORE
 
     def likeliest(self, first: Smoothness) -> Smoothness:
         """The smoothness of largest restricted likelihood, from a first one: order, then correlation, then order."""
@@ -388,8 +386,8 @@ class _Problem:
 
     def _climbed(self, best: Smoothness, neighbours: Callable[[Smoothness], list[Smoothness]]) -> Smoothness:
         """Goes to the best neighbour as long as that is better."""
-        while found := neighbours(best):
-            better = min(map(self._with_best_penalty, found), key=self.score)
+        while candidates := neighbours(best):
+            better = min(map(self._with_best_penalty, candidates), key=self.score)
             if self.score(better) >= self.score(best):
                 break
             best = better
@@ -451,15 +449,15 @@ class _Problem:
         """-2 ln of the restricted likelihood, computed once, from the best solution until then."""
         if smoothness not in self._scores:
             try:
-                found = self.solution(smoothness, self._best[-1] if self._best else None)
+                solution = self.solution(smoothness, self._best[-1] if self._best else None)
             except np.linalg.LinAlgError:
                 self._scores[smoothness] = math.inf
                 return math.inf
-            score = self._scores[smoothness] = self._score(found)
-            resolved = found.squares > self.series.size * self._rounding
-            self._bent[smoothness] = found.bent if resolved else 0.0
+            score = self._scores[smoothness] = self._score(solution)
+            resolved = solution.squares > self.series.size * self._rounding
+            self._bent[smoothness] = solution.bent if resolved else 0.0
             if not self._best or score <= self._scores[self._best[-1].smoothness]:
-                self._best[:] = [found]
+                self._best[:] = [solution]
         return self._scores[smoothness]
 
     @cached_property
@@ -488,21 +486,21 @@ class _Problem:
         self._log_determinants[smoothness] = _log_determinant(factor)
         step = np.zeros_like(origin) if near is None else near.step
         moved = near.moved if near is not None and near.smoothness.correlation == rho else _banded_product(gram, step)
-        found = None
+        solution = None
         for _ in range(MAX_PASSES):
             bent = _transposed_differences(np.diff(origin + step, order, axis=0), order)  # P c, well rounded
             change = _solved(factor, products - moved - penalty * bent)
             step = step + change
             moved = _banded_product(gram, step)
             squares, share = self._squares(smoothness, step, moved)
-            if found is not None and squares >= found.squares:
+            if solution is not None and squares >= solution.squares:
                 break
-            found = _Solution(squares, share, smoothness, origin + step, factor, step, moved)
+            solution = _Solution(squares, share, smoothness, origin + step, factor, step, moved)
             error = (ROUNDING_UNIT * float(np.linalg.norm(change))) ** 2 * (largest**2 + 1 / penalty)
             if self.series.size * error <= SCORE_ERROR * squares:
                 break
-        assert found is not None
-        return found
+        assert solution is not None
+        return solution
 
     def _squares(self, smoothness: Smoothness, step: Array, moved: Array) -> tuple[float, float]:
         """The sum of squares, and the differences' share of it; the residual's part is that of c0 - 2 x'v + x'Gx.
@@ -517,16 +515,16 @@ class _Problem:
             raise np.linalg.LinAlgError("the solution diverges")
         return total, bent / max(total, float(np.finfo(float).tiny))
 
-    def _variance(self, found: _Solution) -> float:
+    def _variance(self, solution: _Solution) -> float:
         """Of the white part of the noise."""
-        return max(found.squares / self.series.size, self._rounding)
+        return max(solution.squares / self.series.size, self._rounding)
 
-    def _score(self, found: _Solution) -> float:
-        width, smoothness = self.series.shape[1], found.smoothness
+    def _score(self, solution: _Solution) -> float:
+        width, smoothness = self.series.shape[1], solution.smoothness
         rho, order = smoothness.correlation, smoothness.order
         volume = self._log_determinant(smoothness) - (self.count - order) * smoothness.log_penalty
         volume -= _log_determinant_of_differences(self.count, order) + self._log_polynomial_information(rho, order)
-        fit = self.series.size * math.log(self._variance(found))
+        fit = self.series.size * math.log(self._variance(solution))
         return float(fit + width * (volume - math.log(1 - rho**2)))
 
     @cached_property
@@ -579,13 +577,13 @@ class _Problem:
         return np.asarray(factor)
 
     def spline(self, smoothness: Smoothness) -> SmoothingSpline:
-        found = self.solution(smoothness, self.solution(smoothness, self._best[-1] if self._best else None))
+        solution = self.solution(smoothness, self.solution(smoothness, self._best[-1] if self._best else None))
         return SmoothingSpline(
-            spline=BSpline(self.knots, found.coefficients + self.offset, DEGREE),
+            spline=BSpline(self.knots, solution.coefficients + self.offset, DEGREE),
             scale=float(self.place[-1] / (self.times[-1] - self.times[0])),
             start=float(self.times[0]),
-            smoothness=smoothness, variance=self._variance(found), freedom=self.freedom(smoothness),
-            score=self._score(found), samples=len(self.times), factor=found.factor,
+            smoothness=smoothness, variance=self._variance(solution), freedom=self.freedom(smoothness),
+            score=self._score(solution), samples=len(self.times), factor=solution.factor,
         )  # fmt: skip
 
     def freedom(self, smoothness: Smoothness) -> float:
@@ -615,8 +613,8 @@ class _Problem:
     def _gram(self, rho: float) -> Array:
         """B' R B with R the inverse covariance of the noise over its white part's: tridiagonal."""
         if rho not in self._grams:
-            own, neighbours, ends = self.products
-            self._grams[rho] = np.asfortranarray((1 + rho**2) * own - rho * neighbours - rho**2 * ends)
+            squares, neighbours, ends = self.products
+            self._grams[rho] = np.asfortranarray((1 + rho**2) * squares - rho * neighbours - rho**2 * ends)
         return self._grams[rho]
 
     @cached_property
@@ -627,11 +625,11 @@ class _Problem:
         """D'D (order + 1, m)."""
         if order not in self._penalties:
             weights = np.array([(-1.0) ** k * math.comb(order, k) for k in range(order + 1)])
-            found = np.zeros((order + 1, self.count))
+            penalty = np.zeros((order + 1, self.count))
             for i in range(order + 1):
                 for j in range(i, order + 1):
-                    found[j - i, i : i + self.count - order] += weights[i] * weights[j]
-            self._penalties[order] = np.asfortranarray(found)
+                    penalty[j - i, i : i + self.count - order] += weights[i] * weights[j]
+            self._penalties[order] = np.asfortranarray(penalty)
         return self._penalties[order]
 
     @cached_property
@@ -661,10 +659,10 @@ def _grid(candidate: Smoothness) -> list[Smoothness]:
 
 def _products(first: NDArray[np.intp], basis: Array, count: int) -> tuple[Array, Array, Array]:
     """sum_i b_i b_i', sum_i (b_i b_(i+1)' + b_(i+1) b_i') and b_1 b_1' + b_n b_n', banded (b, m) each."""
-    own, neighbours, ends = (np.zeros((DEGREE + KNOTS_PER_SAMPLE + 1, count)) for _ in range(3))
+    squares, neighbours, ends = (np.zeros((DEGREE + KNOTS_PER_SAMPLE + 1, count)) for _ in range(3))
     for j, upper in enumerate(basis):
         for i in range(j + 1):
-            own[j - i] += np.bincount(first + i, basis[i] * upper, minlength=count)
+            squares[j - i] += np.bincount(first + i, basis[i] * upper, minlength=count)
             for row in (0, -1):
                 ends[j - i, first[row] + i] += basis[i, row] * upper[row]
         for i, lower in enumerate(basis):
@@ -674,18 +672,18 @@ def _products(first: NDArray[np.intp], basis: Array, count: int) -> tuple[Array,
             kept = diagonal <= DEGREE + KNOTS_PER_SAMPLE  # more only where samples are too far apart for a correlation
             flat = np.bincount((diagonal * count + column)[kept], product[kept], minlength=neighbours.size)
             neighbours += flat.reshape(neighbours.shape)
-    return own, neighbours, ends
+    return squares, neighbours, ends
 
 
 def _decorrelated(series: Array, rho: float) -> Array:
     """R times a series (n, k)."""
     if rho == 0:
         return series
-    found = (1 + rho**2) * series
-    found[[0, -1]] -= rho**2 * series[[0, -1]]
-    found[1:] -= rho * series[:-1]
-    found[:-1] -= rho * series[1:]
-    return found
+    weighted = (1 + rho**2) * series
+    weighted[[0, -1]] -= rho**2 * series[[0, -1]]
+    weighted[1:] -= rho * series[:-1]
+    weighted[:-1] -= rho * series[1:]
+    return weighted
 
 
 def _transposed_differences(vectors: Array, order: int) -> Array:

@@ -26,6 +26,8 @@ from numpy.typing import NDArray
 from estimation.multiplicity import student_isf
 from modeling.significance import LEVELS
 
+Array = NDArray[np.float64]
+
 BLOCKS = 10
 """Of a run of some periods: as long as the motion's correlation, and enough of them for a variance."""
 LEAST_EXPLAINED = 0.6
@@ -37,6 +39,7 @@ LEAST_WEIGHT = 0.5
 LEAST_MASS = 0.03
 """kg: less than the plate by which a tool is fastened to a sensor."""
 FEWEST_BLOCKS = 3
+"""Fewer hardly have a variance."""
 SMALLEST_DIVISOR = 1e-300
 """In place of a divisor of zero, such as the power of a channel that never changes: far below any square measured."""
 RANK_TOLERANCE = 1e-10
@@ -122,20 +125,6 @@ def _positive(square: float) -> float:
     return max(float(square), SMALLEST_SQUARE)
 
 
-# Pull fit: the weight of a rigid tool whose mounting is unknown, with a cable that pulls the tool beside it.
-#
-# A cable to a place in the cell pulls nearly one way in base axes, as gravity does: beside one, a level base looks as
-# if it were not, and an aligned sensor as if it were turned. The inertia of the tool and the change of the pull along
-# the path tell them apart. With u from the point of the tool where the cable is fastened to its anchor, the force is
-#
-# f = m Q (R' (a - g d) - s max(0, |u| - length) u / |u|) + b
-#
-# in which s is the stiffness per mass; for a given cable, m and Q follow in closed form (`weight_fit.py`). It is a
-# rival of other readings: whether there is a cable, with its torque, is for the effect `cable_spring` to tell.
-
-
-Array = NDArray[np.float64]
-
 ROWS = 300
 """Of a recording that are fitted: the pull of a cable changes no faster than the pose."""
 ANCHOR, REACH = 5.0, 0.5
@@ -154,6 +143,15 @@ good by another cable, nearly to the noise; a base that stands otherwise is made
 @dataclass(frozen=True, kw_only=True, eq=False)
 class PulledTool:
     """Rows of recordings to which the weight of a tool is fitted, with a cable or without.
+
+    A cable to a place in the cell pulls nearly one way in base axes, as gravity does: beside one, a level base looks as
+    if it were not, and an aligned sensor as if it were turned. The inertia of the tool and the change of the pull along
+    the path separate them. With u from the point of the tool where the cable is fastened to its anchor, the force is
+
+        f = m Q (R' (a - g d) - s max(0, |u| - length) u / |u|) + b
+
+    in which s is the stiffness per mass; for a given cable, m and Q follow in closed form (`weight_fit`). It is a rival
+    of other readings: whether there is a cable, with its torque, is for the effect `cable_spring` to say.
 
     to_sensor  (n, d, d) R'
     position   (n, d) of the sensor in base axes, m
@@ -177,9 +175,9 @@ class PulledTool:
         columns = np.ones((len(force), 1)) if terms is None else np.hstack([np.ones((len(force), 1)), terms])
         left, sizes, _ = np.linalg.svd(columns[every] / _norms(columns[every]), full_matrices=False)
         basis = left[:, sizes > RANK_TOLERANCE * sizes[0]]
-        own = force[every] - basis @ (basis.T @ force[every])
+        cleared = force[every] - basis @ (basis.T @ force[every])
         return cls(
-            to_sensor=to_sensor[every], position=position[every], specific=specific[every], force=own, basis=basis
+            to_sensor=to_sensor[every], position=position[every], specific=specific[every], force=cleared, basis=basis
         )
 
     def __add__(self, other: Self) -> Self:
@@ -209,11 +207,11 @@ class PulledTool:
         low = np.array([0.0, *(-ANCHOR,) * axes, 0.0, *(-REACH,) * axes])
         high = np.array([np.inf, *(ANCHOR,) * axes, 2 * ANCHOR, *(REACH,) * axes])
         starts = sorted(self._starts(), key=lambda start: float(np.sum(self._residual(start) ** 2)))[:STARTS]
-        found = [
+        candidates = [
             least_squares(self._residual, np.clip(start, low, high), bounds=(low, high), x_scale="jac", max_nfev=STEPS)
             for start in starts
         ]
-        best = min(found, key=lambda one: float(one.cost))
+        best = min(candidates, key=lambda one: float(one.cost))
         fit = self._weight(self._along(self._pull(best.x)))
         return replace(fit, squares=fit.squares * self.force.size ** (len(low) / self.force.size))
 

@@ -19,9 +19,6 @@ from modeling.chain.regressor import RegressorBasis, regressor_basis
 from modeling.errors import InputError
 from modeling.noise import NoiseModel
 
-# Regressor of a linear model over many samples, and its square-root information under white noise.
-
-
 Array = NDArray[np.float64]
 
 
@@ -107,8 +104,8 @@ def linear_regressor_map(model: WrenchModel) -> RegressorMap | None:
 
 def required_signals(model: WrenchModel) -> tuple[str, ...]:
     """Input signals of a model; for a linear one from its cached map."""
-    found = linear_regressor_map(model)
-    return model.inputs if found is None else found.inputs
+    regressor = linear_regressor_map(model)
+    return model.inputs if regressor is None else regressor.inputs
 
 
 RecordingOrChunk = Recording | Chunk
@@ -118,75 +115,75 @@ SAMPLES_PER_PIECE = 8192
 
 
 def information_from(
-    part: RecordingOrChunk, model: WrenchModel, noise: NoiseModel, theta: Array | None
+    source: RecordingOrChunk, model: WrenchModel, noise: NoiseModel, theta: Array | None
 ) -> SquareRootInformation:
     """Information of a recording or chunk on a step from theta; on the parameters themselves of a linear model (None).
 
     Raises InputError when it lacks a signal, has other channels, too little history for the noise or a value that is
     not finite, and for a chunk under a model with dynamics.
     """
-    _require_channels(part, model)
-    _require_matching_noise(part, model, noise)
+    _require_channels(source, model)
+    _require_matching_noise(source, model, noise)
     map_ = linear_regressor_map(model) if theta is None else None
     total = SquareRootInformation.empty(len(model.parameters))
     if map_ is not None and noise.is_white:
-        for run in _runs(part):
+        for run in _runs(source):
             _require_signals(run, map_.inputs)
             total = total + map_.information(run.signals, run.wrench, noise.root)
     else:
-        for rows, history in _series(part, model, noise, theta, map_):
+        for rows, history in _series(source, model, noise, theta, map_):
             white = noise.whitened_chunk(rows, history)
             if white.shape[-1]:
                 total = total + SquareRootInformation.of(white[:-1].reshape(len(white) - 1, -1).T, white[-1].ravel())
     if not np.isfinite(total.cost + total.root.sum()):
         what = "a signal or a reading is not finite"
-        raise InputError(what=what, where=run_name(part), remedy="leave such rows out, or begin a new run after them")
+        raise InputError(what=what, where=run_name(source), remedy="leave such rows out, or begin a new run after them")
     return total
 
 
-def run_name(part: RecordingOrChunk) -> str:
+def run_name(source: RecordingOrChunk) -> str:
     """The recording's name or the chunk's run."""
-    return part.name if isinstance(part, Recording) else part.run
+    return source.name if isinstance(source, Recording) else source.run
 
 
-def _require_channels(part: RecordingOrChunk, model: WrenchModel) -> None:
+def _require_channels(source: RecordingOrChunk, model: WrenchModel) -> None:
     """Raise InputError when a recording's channels, or the number of a chunk's, are not those of the model."""
-    if isinstance(part, Recording):
-        require_channels(part, model)
-    elif part.wrench.shape[1] != len(model.channels):
-        what = f"it has {part.wrench.shape[1]} channels, the model's {', '.join(model.channels)}"
-        raise InputError(what=what, where=part.run, remedy=CHANNELS_REMEDY)
+    if isinstance(source, Recording):
+        require_channels(source, model)
+    elif source.wrench.shape[1] != len(model.channels):
+        what = f"it has {source.wrench.shape[1]} channels, the model's {', '.join(model.channels)}"
+        raise InputError(what=what, where=source.run, remedy=CHANNELS_REMEDY)
 
 
-def _require_matching_noise(part: RecordingOrChunk, model: WrenchModel, noise: NoiseModel) -> None:
+def _require_matching_noise(source: RecordingOrChunk, model: WrenchModel, noise: NoiseModel) -> None:
     """Raise InputError when noise and model have different channels, or a chunk's history is too short."""
     count = len(model.channels)
     if len(noise.covariance) != count:
         what = f"the noise has {len(noise.covariance)} channels and the model {count}"
         raise InputError(what=what, where="noise", remedy=f"give it for {', '.join(model.channels)}")
-    if isinstance(part, Chunk) and (0 < part.history < noise.memory or part.history % noise.block):
-        what = f"it has {part.history} rows of history, the autoregressive noise needs {noise.memory}"
-        raise InputError(what=what, where=part.run, remedy=f"cut chunks with an overlap of {noise.memory}")
+    if isinstance(source, Chunk) and (0 < source.history < noise.memory or source.history % noise.block):
+        what = f"it has {source.history} rows of history, the autoregressive noise needs {noise.memory}"
+        raise InputError(what=what, where=source.run, remedy=f"cut chunks with an overlap of {noise.memory}")
 
 
-def _runs(part: RecordingOrChunk) -> Iterator[Chunk]:
+def _runs(source: RecordingOrChunk) -> Iterator[Chunk]:
     """The samples after the history, each run of a recording as a whole."""
-    if isinstance(part, Chunk):
-        yield part.part(part.history, len(part.wrench)) if part.history else part
+    if isinstance(source, Chunk):
+        yield source.part(source.history, len(source.wrench)) if source.history else source
     else:
-        yield from chunks(part, part.samples)
+        yield from chunks(source, source.samples)
 
 
 def _series(
-    part: RecordingOrChunk, model: WrenchModel, noise: NoiseModel, theta: Array | None, map_: RegressorMap | None
+    source: RecordingOrChunk, model: WrenchModel, noise: NoiseModel, theta: Array | None, map_: RegressorMap | None
 ) -> Iterator[tuple[Array, int]]:
     """Sensitivities and, last, the residual, (k + 1, p, n), piece by piece, each with its rows of history."""
     if map_ is None and not _instantaneous(model):
-        yield from _dynamic_rows(part, model, theta)
+        yield from _dynamic_rows(source, model, theta)
         return
     size = SAMPLES_PER_PIECE // noise.block * noise.block + noise.block
     size = max(size, noise.memory)
-    pieces = part.pieces(size, noise.memory) if isinstance(part, Chunk) else chunks(part, size, noise.memory)
+    pieces = source.pieces(size, noise.memory) if isinstance(source, Chunk) else chunks(source, size, noise.memory)
     for piece in pieces:
         if map_ is not None:
             _require_signals(piece, map_.inputs)
@@ -217,16 +214,16 @@ def _rows(piece: Chunk, model: WrenchModel, theta: Array | None) -> Array:
     return _stacked(piece.wrench, parts[0][0] + parts[1][0], parts[0][1] + parts[1][1])
 
 
-def _dynamic_rows(part: RecordingOrChunk, model: WrenchModel, theta: Array | None) -> Iterator[tuple[Array, int]]:
+def _dynamic_rows(source: RecordingOrChunk, model: WrenchModel, theta: Array | None) -> Iterator[tuple[Array, int]]:
     """Rows of a recording under a model with dynamics: the whole series, split into separate runs."""
-    if isinstance(part, Chunk):
+    if isinstance(source, Chunk):
         what = "the model has dynamics, and a chunk does not hold the motion before it"
         raise InputError(
-            what=what, where=part.run, remedy="give whole recordings, or leave the effect with dynamics out"
+            what=what, where=source.run, remedy="give whole recordings, or leave the effect with dynamics out"
         )
-    response = model_response(model, part, np.zeros(len(model.parameters)) if theta is None else theta)
-    rows = _stacked(part.wrench, response.value, response.derivative)
-    for run in np.split(rows, 1 if part.continuous else part.repeats, axis=-1):
+    response = model_response(model, source, np.zeros(len(model.parameters)) if theta is None else theta)
+    rows = _stacked(source.wrench, response.value, response.derivative)
+    for run in np.split(rows, 1 if source.continuous else source.repeats, axis=-1):
         yield run, 0
 
 

@@ -193,7 +193,7 @@ def _joints(columns: Mapping[str, Array], rig: Rig | None) -> dict[str, Array]:
     if arm is None:
         return {}
     names = [numbered_names(prefix, arm.joints) for prefix in ("q", "dq", "ddq")]
-    return arm.pose(*(np.stack([columns[name] for name in own], axis=1) for own in names))
+    return arm.pose(*(np.stack([columns[name] for name in joint_names], axis=1) for joint_names in names))
 
 
 def _planar_pose(columns: Mapping[str, Array], rig: Rig | None) -> dict[str, Array]:

@@ -102,20 +102,20 @@ class InformationSum:
         self.other_recordings = SquareRootInformation.empty(len(self.index) - self.zeros)
         self.other_runs: dict[RunKey, SquareRootInformation] = {}
 
-    def add(self, key: RunKey, is_first: bool, found: SquareRootInformation) -> None:
+    def add(self, key: RunKey, is_first: bool, information: SquareRootInformation) -> None:
         """Add the information of a part of that run: a number for a recording, a name for a chunk's run."""
         if is_first:
-            self.first = self.first + found
+            self.first = self.first + information
         elif isinstance(key, int):
-            self.other_recordings = self.other_recordings + found.eliminated(self.zeros)
+            self.other_recordings = self.other_recordings + information.eliminated(self.zeros)
         else:
-            self.other_runs[key] = self.other_runs[key] + found if key in self.other_runs else found
+            self.other_runs[key] = self.other_runs[key] + information if key in self.other_runs else information
 
     def total(self) -> SquareRootInformation:
         """Information of all parts on the model's parameters."""
         others = self.other_recordings
-        for found in self.other_runs.values():
-            others = others + found.eliminated(self.zeros)
+        for information in self.other_runs.values():
+            others = others + information.eliminated(self.zeros)
         return self.first + others.spread(self.index[self.zeros :], self.size)
 
 
@@ -138,9 +138,9 @@ class StreamedProblem:
         total = InformationSum(model, others)
         at = None if theta is None else theta[total.index]
         first_run: RunKey | None = None
-        for key, found in _evaluated(self._calls((model, theta), (others, at)), self.executor):
+        for key, information in _evaluated(self._calls((model, theta), (others, at)), self.executor):
             first_run = key if first_run is None else first_run
-            total.add(key, key == first_run, found)
+            total.add(key, key == first_run, information)
         return total.total()
 
     def _calls(
@@ -149,11 +149,12 @@ class StreamedProblem:
         """Run and arguments of `information_from` for every part; the first run has a model of its own."""
         first_run: RunKey | None = None
         needed = {model: required_signals(model) for model, _ in (first, others)}
-        for number, part in enumerate(self.parts):
-            key: RunKey = part.run if isinstance(part, Chunk) else number
+        for number, source in enumerate(self.parts):
+            key: RunKey = source.run if isinstance(source, Chunk) else number
             first_run = key if first_run is None else first_run
             model, theta = first if key == first_run else others
-            yield key, (part.with_signals(needed[model]) if isinstance(part, Chunk) else part, model, self.noise, theta)
+            used = source.with_signals(needed[model]) if isinstance(source, Chunk) else source
+            yield key, (used, model, self.noise, theta)
 
 
 def _evaluated(
@@ -221,18 +222,18 @@ def estimate_streamed(
         what = "the model is not linear in its parameters and needs several passes"
         raise InputError(what=what, where="recordings", remedy="give a sequence, which can be iterated again")
     stream = StreamedProblem(model, noise, again, executor)
-    known = stream.information(None) if is_linear else None
+    linear = stream.information(None) if is_linear else None
     low, high = (np.array([p.bounds[i] for p in model.parameters]) for i in (0, 1))
     begin = np.array([(start or {}).get(p.name, p.nominal) for p in model.parameters])
-    found = levenberg_marquardt(stream.information if known is None else known.shifted, begin, (low, high))
+    minimum = levenberg_marquardt(stream.information if linear is None else linear.shifted, begin, (low, high))
     return StreamedFit(
         model=model,
         noise=noise,
-        theta=found.theta,
-        covariance=found.covariance,
-        identifiable=found.identifiable,
-        converged=found.converged,
-        triangle=found.information,
+        theta=minimum.theta,
+        covariance=minimum.covariance,
+        identifiable=minimum.identifiable,
+        converged=minimum.converged,
+        triangle=minimum.information,
         where=where,
         rig=rig,
     )

@@ -24,7 +24,7 @@ from diagnosis.screening.null_model import ScreeningCache
 from diagnosis.subset_search import with_offsets_tested
 from diagnosis.verdict_rule import RecordVerdict
 from estimation.case import Case
-from estimation.fit import Fit, fit, refit
+from estimation.fit import Fit, fit, unchecked_fit
 from estimation.recordings.recording import Recording
 from modeling import effects
 from modeling.chain.effect import Effect
@@ -155,7 +155,7 @@ def test_x_and_y_that_another_effect_explains_return_to_the_axis() -> None:
     recording = recorded(hidden("viscous_drag", 0.0, 0.0), lag, seed=21)
     base = spatial(SIX_AXES)
     start = {"viscous_drag.c": 0.3, "viscous_drag.d": 0.12}
-    lacking = refit(Case.of(base + effects.viscous_drag(on_axis=True), [recording]), start=start)
+    lacking = unchecked_fit(Case.of(base + effects.viscous_drag(on_axis=True), [recording]), start=start)
     moved = with_offsets_tested(lacking, ScreeningCache())
     assert moved.model.effects == (effects.viscous_drag(),)
     whole = moved.refitted(moved.model + effects.sensor_lag())
@@ -179,7 +179,7 @@ def test_a_point_on_the_axis_is_freed_as_often_as_the_level_says() -> None:
     freed = 0
     for _ in range(TRIALS):
         drawn = replace(recording, wrench=exact + np.array(RIG.noise) * rng.standard_normal(exact.shape))
-        fitted = refit(Case.of(true.model, [drawn]), start=true.values)
+        fitted = unchecked_fit(Case.of(true.model, [drawn]), start=true.values)
         freed += with_offsets_tested(fitted, ScreeningCache()).model != true.model
     assert freed <= FALSE_ALARMS_AT_MOST
 

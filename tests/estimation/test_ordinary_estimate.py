@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.stats import binom
 
 from estimation.case import Case
-from estimation.fit import Fit, fit, refit
+from estimation.fit import Fit, fit, unchecked_fit
 from modeling.chain.model import spatial
 from modeling.rig import Rig
 from tests.shared.recordings import recording_of
@@ -73,7 +73,7 @@ def test_std_hold(hidden: tuple[HiddenEffect, ...]) -> None:
 def test_the_noise_for_tests_is_the_same() -> None:
     """Only the estimate changes; that of a given noise does not."""
     found = fitted(0, WhiteNoise(), SensorLag(time_constant=0.02))
-    again = refit(Case(found.model, found.recordings))
+    again = unchecked_fit(Case(found.model, found.recordings))
     for one, other in zip(found.noise, again.noise, strict=True):
         np.testing.assert_allclose(one.whitener.noise.coefficients, other.whitener.noise.coefficients)  # type: ignore[attr-defined]
     given = fit(found.model, found.recordings, noise=again.noise)

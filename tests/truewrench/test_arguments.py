@@ -34,6 +34,12 @@ def recording(folder: Path) -> tw.Recording:
     return tw.read(folder / "train.csv", rig=folder / "rig.toml")
 
 
+def six_axes(recording: tw.Recording) -> tw.Recording:
+    """A recording of the other kind of sensor."""
+    channels = ("fx", "fy", "fz", "tx", "ty", "tz")
+    return replace(recording, channels=channels, wrench=np.zeros((recording.samples, 6)))
+
+
 FRAME = pd.DataFrame({"fx": [0.0]})
 ANY: Any = tw
 MISTAKES: dict[str, tuple[Callable[[Any], object], str]] = {
@@ -69,6 +75,20 @@ MISTAKES: dict[str, tuple[Callable[[Any], object], str]] = {
     "read of a data frame": (lambda r: ANY.read(FRAME), "a DataFrame is no path"),
     "save of a model": (lambda r: ANY.save(tw.planar(), "model.json"), "a WrenchModel is no fitted model"),
     "emit of a recording": (lambda r: ANY.emit(r, "numpy"), "a Recording is no fitted model"),
+    "no recording": (lambda r: ANY.fit(tw.planar(), None), "no recording was given"),
+    "nothing among recordings": (lambda r: ANY.fit(tw.planar(), [r, None]), "a recording is needed, not None"),
+    "too few noises": (lambda r: tw.fit(tw.planar(), r, noise=[]), "0 noises of 1 recordings"),
+    "robust fit of a path": (lambda r: ANY.robust_fit(tw.planar(), "r.csv"), "a recording is needed, not a str"),
+    "robust fit swapped": (lambda r: ANY.robust_fit(r, tw.planar()), "a Recording is no model"),
+    "robust fit of chunks": (lambda r: ANY.robust_fit(tw.planar(), tw.chunks(r, 100)), "is needed, not a Chunk"),
+    "compensation of nothing": (lambda r: ANY.compensate(tw.fit(tw.planar(), r), None), "is needed, not None"),
+    "calibration swapped": (lambda r: ANY.calibrate(r, tw.planar()), "a Recording is no model"),
+    "calibration of several": (lambda r: ANY.calibrate(tw.planar(), [r]), "a recording is needed, not a list"),
+    "unknown id to calibrate": (lambda r: tw.calibrate(tw.planar(), r, effects=["sensor_lg"]), "mean sensor_lag"),
+    "validation of another sensor": (
+        lambda r: tw.diagnose(tw.planar(), r, validate=six_axes(r)),
+        "its channels are fx, fy, fz",
+    ),
     "part of an id": (lambda r: tw.effects.named("drag"), "viscous_drag"),
 }
 
@@ -163,3 +183,28 @@ def test_tool_is_a_line_of_the_fit(recording: tw.Recording) -> None:
     (tool,) = [line for line in str(fitted.summary()).splitlines() if line.startswith("Tool: ")]
     assert estimate_text(mass.value, mass.std, "kg") in tool
     assert estimate_text(1e3 * centre.value[0], 1e3 * centre.std[0], "mm") in tool
+
+
+def test_the_readings_of_another_motion_are_another_recording(recording: tw.Recording) -> None:
+    """A fit predicts its own recording as it read it, and what differs in more than the name by the model."""
+    fit = tw.fit(tw.planar(), recording)
+    own, angles = fit.predict(), dict(recording.columns)
+    angles["q1"] = 1.3 * angles["q1"]
+    assert recording.rig is not None
+    longer = replace(recording.rig, link_lengths=(1.0, 0.97, 0.8))
+    for other in (recording.moved(columns=angles), recording.moved(rig=longer)):
+        assert fit.number_of(other) is None
+        assert ((fit.predict(other) - own).abs() > 0.1).any(axis=None)
+        assert tw.compare(fit, other).recording.motion is not fit.recordings[0].motion
+    renamed = replace(recording, name="another name")
+    assert fit.number_of(recording) == fit.number_of(renamed) == 0
+    decided = replace(fit.recordings[0], moved_as_measured=True)
+    assert decided.moved(columns=angles).moved_as_measured is None
+
+
+def test_a_fit_refuses_the_first_chunk(recording: tw.Recording) -> None:
+    """Before a log that is longer than memory is read on."""
+    chunks = tw.chunks(recording, 100)
+    with pytest.raises(tw.InputError, match="noise cannot be estimated from chunks"):
+        ANY.fit(tw.planar(), chunks)
+    assert len([*chunks]) == recording.samples // 100 - 1

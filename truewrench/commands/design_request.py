@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from design.criteria import AOptimal, Criterion, DOptimal, EOptimal
+from design.criteria.criterion import Array
 from design.information import DiscretePrior, Experiment, noise_equivalent_sizes
 from design.limits import arm_and_limits
 from design.trajectories.fourier import FreeSeries, PaperSeries
@@ -105,11 +106,18 @@ class DesignRequest:
     @property
     def criterion(self) -> Criterion:
         """D-, A- or E-optimality; A and E in noise-equivalent sizes of the parameters."""
-        if self.options.criterion == "d":
-            return DOptimal()
+        kinds: dict[str, Callable[[], Criterion]] = {
+            "d": DOptimal,
+            "a": lambda: AOptimal(self._scale),
+            "e": lambda: EOptimal(self._scale),
+        }
+        return kinds[self.options.criterion]()
+
+    @property
+    def _scale(self) -> Array:
+        """Noise-equivalent sizes of the parameters, (k,)."""
         experiment = Experiment.of(self.model, self.arm, self.values, noise=self.weight)
-        scale = noise_equivalent_sizes(experiment, self.rig.limits)
-        return AOptimal(scale) if self.options.criterion == "a" else EOptimal(scale)
+        return noise_equivalent_sizes(experiment, self.rig.limits)
 
     @property
     def series(self) -> TrajectorySeries:

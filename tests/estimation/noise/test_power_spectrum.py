@@ -13,12 +13,19 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from estimation.noise.power_spectrum import PowerSpectrum, smooth_power_spectrum
+from estimation.noise.power_spectrum import PowerSpectrum, smooth_power_spectra
 
 Array = NDArray[np.float64]
 
 SAMPLES, DRAWS, RHO = 4000, 12, 0.95
 FREQUENCY: Array = np.arange(1, SAMPLES // 2) / np.float64(SAMPLES)  # Hz of samples 1 s apart
+
+
+def smooth_power_spectrum(
+    frequency: Array, ordinates: Array, *, shape: float = 1.0, start: float | None = None
+) -> PowerSpectrum:
+    """Of one series, ordinates (m,)."""
+    return smooth_power_spectra(frequency, ordinates[:, None], shape=shape, start=start)[0]
 
 
 def white(frequency: Array) -> Array:

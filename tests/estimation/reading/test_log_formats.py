@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import estimation.reading.log_sources  # noqa: F401  # registers every reader
 from estimation.reading.log_reader import LogReader
 from estimation.reading.log_reading import imported, read
 from estimation.recordings.reading_report import StepKind
@@ -81,6 +82,6 @@ def test_receive_stamps_of_bags_are_reported(tmp_path: Path) -> None:
 
 
 def test_every_reader_has_a_format_here() -> None:
-    """A new reader comes with a case: its name occurs among those that were read."""
+    """A new reader comes with a case in `FORMATS`, and its name here."""
     kinds = {type(reader).__name__ for reader in (member() for member in LogReader.members)}
     assert kinds == {"DelimitedText", "Excel", "Hdf5", "Matlab", "NumpyArrays", "Parquet", "RosBag"}
