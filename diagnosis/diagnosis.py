@@ -43,6 +43,7 @@ from estimation.fit import Fit, noise_without_transients, recordings_of, require
 from estimation.gravity.gravity_estimate import GravityEstimate
 from estimation.least_squares.estimates import estimates_data
 from estimation.multiplicity import bonferroni_p_value
+from estimation.readings import DoubtedReading
 from estimation.recordings.recording import Recording, require_different_readings
 from modeling.chain.effect import Effect, effects_of
 from modeling.chain.model import WrenchModel, require_model
@@ -70,6 +71,7 @@ class RecordEvidence:
                           held-out one without what errors of the estimates kept explain
     power_share           systematic power of the final model's residual over that of the rigid tool's
     deviates_outside      whether the readings differ from the model outside the whole repeats that were cut from a log
+    misread               whether another reading of the recordings is shown and not adopted
     unrecorded_acceleration  whether a residual looks like mass times an acceleration that was not recorded, which no
                           test shows where the noise is estimated from that residual
     """
@@ -84,6 +86,7 @@ class RecordEvidence:
     power_share: float = 1.0
     deviates_outside: bool = False
     unrecorded_acceleration: bool = False
+    misread: bool = False
 
     @property
     def adequate(self) -> bool:
@@ -96,6 +99,7 @@ class RecordEvidence:
 RecordRule = VerdictRule[RecordEvidence, RecordVerdict]
 V = RecordVerdict
 RECORD_RULES: tuple[RecordRule, ...] = (
+    VerdictRule("the recordings seem to be read wrongly", lambda e: e.misread, V.UNEXPLAINED),
     VerdictRule(
         "adequate without effects", lambda e: not e.effects and e.adequate and not e.unaccepted, V.NOTHING_MISSING
     ),
@@ -155,6 +159,7 @@ class Diagnosis(Tabular):
     gravity       gravity's direction in base axes where the data decided it, None where it is stated or points down
     given_alternatives  other effects that fit as well, or better, in the place of a given one
     rows_left_out  rows outside the whole repeats that were cut from logs, which the verdict is about only as a whole
+    reading       another reading of the recordings that is shown: adopted, or proposed and then no effect is looked for
     """
 
     model: WrenchModel
@@ -169,6 +174,7 @@ class Diagnosis(Tabular):
     gravity: GravityEstimate | None = None
     given_alternatives: tuple[GivenAlternative, ...] = ()
     rows_left_out: tuple[RowsLeftOut, ...] = ()
+    reading: DoubtedReading | None = None
 
     @property
     def fit(self) -> Fit:
@@ -247,7 +253,8 @@ class Diagnosis(Tabular):
         alternatives = [alternative.sentence for alternative in self.given_alternatives]
         gravity = [] if self.gravity is None else [self.gravity.sentence]
         unexplained = [f"residual: {self.unexplained.where}"] if self.unexplained else []
-        return [*alternatives, *gravity, *map(str, self.disturbances), *unexplained]
+        reading = [] if self.reading is None else [self.reading.sentence]
+        return [*reading, *alternatives, *gravity, *map(str, self.disturbances), *unexplained]
 
     def printed(self) -> list[Table | str]:
         """Verdict, comparison with the first recording, candidate effects."""
@@ -280,6 +287,7 @@ class Diagnosis(Tabular):
             "unexplained": None if self.unexplained is None else unexplained_data(self.unexplained),
             "calibration": None if self.calibration is None else self.calibration.to_data(),
         }
+        data["readings"] = [] if self.reading is None else [self.reading.to_data()]
         data |= {} if self.gravity is None else {"gravity": self.gravity.to_data()}
         data |= {"rows": [rows.to_data() for rows in self.rows_left_out]} if self.rows_left_out else {}
         plain: dict[str, Any] = finite(data)
@@ -364,11 +372,13 @@ class _Outcome:
     """A model of a search, and what the verdict on the recordings is judged by.
 
     candidate  the model; `held_out` the held-out recordings with their own disturbances given that model
+    misread    whether another reading of the recordings is proposed
     """
 
     selection: SubsetSearch
     candidate: CandidateModel
     held_out: tuple[HeldOut, ...]
+    misread: bool = False
 
     @cached_property
     def steps(self) -> tuple[SelectionStep, ...]:
@@ -413,6 +423,7 @@ class _Outcome:
             within_tolerance=all(within),
             power_share=float(self.power[-1] / max(self.power[0], 1e-300)),
             deviates_outside=any(left_out.deviations for left_out in self.rows_left_out),
+            misread=self.misread,
             unrecorded_acceleration=any(lacks_acceleration(c, self.candidate.fit.model) for c in last.training),
         )
 
@@ -434,7 +445,9 @@ def _diagnosed(
     """Fit, search, accept on held-out data, judge the recordings, judge the effects."""
     cache, model = ScreeningCache(), case.model
     given = {effect.id for effect in model.effects}
+    misread = case.reading is not None and not case.reading.adopted
     candidates = [e for e in (catalogue(model.space) if effects is None else effects) if e.id not in given]
+    candidates = [] if misread else candidates  # what would be found explains the mistake
     progress("fit the rigid tool" + "".join(f", {effect.id}" for effect in model.effects))
     base = unchecked_fit(case, start=model_initial_values(case) if model.effects else {})
     held_out = [HeldOut(r, n) for r, n in zip(case.held_out, case.held_out_noise, strict=True)]
@@ -443,7 +456,7 @@ def _diagnosed(
     chosen = _without_negligible(selection.chosen, *channel_tolerance(base))
     acceptance = accept(chosen, selection.base, held_out, candidates)
     reasons = dict(acceptance.reasons)
-    outcome = _Outcome(selection, acceptance.candidate, acceptance.held_out)
+    outcome = _Outcome(selection, acceptance.candidate, acceptance.held_out, misread)
     verdict, reason = judge(RECORD_RULES, outcome.evidence)
     if verdict is RecordVerdict.UNEXPLAINED and outcome.candidate.ids:
         reasons |= dict.fromkeys(sorted(outcome.candidate.ids), reason)
@@ -459,12 +472,15 @@ def _diagnosed(
     unexplained = None
     if verdict in (RecordVerdict.UNEXPLAINED, RecordVerdict.PARTLY_EXPLAINED):
         unexplained = _unexplained(steps[-1], outcome.tolerance, outcome.rows_left_out)
+        if misread and case.reading is not None:
+            unexplained = replace(unexplained, where=case.reading.sentence)
     zero_shift_of_held_out, disturbances = outcome.zero_shift, outcome.disturbances
     final.cache.forget()
     return Diagnosis(
         final.fit.model, verdict, steps, findings, zero_shift_of_held_out, disturbances, outcome.tolerance, unexplained,
         gravity=case.with_fitted_gravity(final.fit.model, outcome.fit.values).gravity,
         given_alternatives=alternatives, rows_left_out=outcome.rows_left_out,
+        reading=case.reading,
     )  # fmt: skip
 
 

@@ -8,9 +8,10 @@ contact wrench or a prediction does, takes it as `prepared`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +28,11 @@ from modeling.effects.geometry import GravityTilt
 from modeling.effects.loads import CableSpring
 from modeling.errors import InputError
 from modeling.kinematics.placement import Direction
-from modeling.rig import Rig
+from modeling.rig import Convention, Rig
+from modeling.space import Space
+
+if TYPE_CHECKING:
+    from estimation.readings import DoubtedReading
 
 Array = NDArray[np.float64]
 
@@ -46,6 +51,7 @@ class Case:
     sign        decision on the sign convention from the data; None where it is stated
     gravity     direction of gravity in base axes where the data decided it; None where it is stated, or points down
     doubted     another direction than down that the data suggest, and that is not applied; None where they do not
+    reading     another reading of the axes that is shown, adopted or proposed; None where the recordings fit as read
     """
 
     model: WrenchModel
@@ -54,9 +60,18 @@ class Case:
     sign: SignDecision | None = None
     gravity: GravityEstimate | None = None
     doubted: GravityEstimate | None = None
+    reading: DoubtedReading | None = None
 
     @classmethod
-    def of(cls, model: WrenchModel, recordings: Sequence[Recording], held_out: Sequence[Recording] = ()) -> Case:
+    def of(
+        cls,
+        model: WrenchModel,
+        recordings: Sequence[Recording],
+        held_out: Sequence[Recording] = (),
+        *,
+        read: Collection[str] = (),
+        as_read: bool = False,
+    ) -> Case:
         """The case of a model and its recordings.
 
         Where neither the model nor a recording's rig states gravity's direction, the evidence of all readings of the
@@ -65,6 +80,11 @@ class Case:
         tool. Where a cable on the tool explains the readings as well, gravity stays down. A sign convention AUTO is
         decided from the weight in the readings.
 
+        In six axes another reading may be shown than that (`estimation/readings.py`). It is adopted where it changes
+        nothing that was stated: gravity that points up, a sensor that is turned. A mistake in the log, as a sign of the
+        torques, is a matter of what its author meant: it is proposed, and adopted if its id is among `read`. With
+        `as_read` no reading is doubted.
+
         Raises InputError when there are no recordings, their channels are not the model's, or the data cannot decide
         the sign convention.
         """
@@ -72,6 +92,57 @@ class Case:
         check_channels(model, recordings)
         for recording in held_out:
             require_channels(recording, model)
+        if as_read or model.space is Space.PLANE:
+            return cls._as_read(model, several, len(recordings))
+        from estimation.readings import doubted_reading  # of recordings in memory, which a streamed fit has not
+
+        try:
+            case = cls._as_read(model, several, len(recordings))
+        except InputError as undecided:
+            if model.convention is not Convention.AUTO:
+                raise
+            case = cls._upright(replace(model, convention=Convention.ON_TOOL), several, len(recordings))
+            shown = doubted_reading((*case.recordings, *case.held_out), case.model)
+            if shown is None or shown.reading.mistake:
+                raise undecided from None
+        else:
+            shown = doubted_reading((*case.recordings, *case.held_out), case.model)
+        return case if shown is None else case._with_reading(shown, model, several, read)
+
+    def _with_reading(
+        self, shown: DoubtedReading, given: WrenchModel, several: Sequence[Recording], read: Collection[str]
+    ) -> Case:
+        """The case with a reading that is shown, adopted where that contradicts no statement or is asked for."""
+        reading, count = shown.reading, len(self.recordings)
+        contradicts = given.convention not in (Convention.AUTO, reading.convention)
+        if (reading.mistake or contradicts) and shown.id not in read:
+            return replace(self, reading=shown)
+        adopted = replace(shown, adopted=True)
+        if reading.mistake:
+            corrected = [recording.with_readings(recording.wrench * reading.signs) for recording in several]
+            return replace(Case._as_read(given, corrected, count), reading=adopted)
+        direction = reading.gravity or self.model.gravity_direction
+        model = given if direction is None else _on_base(given, direction)
+        model = model.with_arm(next((r.arm for r in several if r.arm is not None), None))
+        model = replace(model, convention=reading.convention, mounting=reading.turn)
+        recordings = [_with_decided_motion(_recording_on_base(r, direction), model) for r in several]
+        sign = None
+        if given.convention is Convention.AUTO:
+            sign = SignDecision(reading.convention, shown.mass, np.array(reading.turn, dtype=np.float64))
+        return Case(model, tuple(recordings[:count]), tuple(recordings[count:]), sign, self.gravity, reading=adopted)
+
+    @classmethod
+    def _upright(cls, model: WrenchModel, several: Sequence[Recording], count: int) -> Case:
+        """Recordings whose frames are not decided, on a base that stands upright or as it is stated."""
+        direction = _stated_direction(model, several)
+        model = model if direction is None else _on_base(model, direction)
+        model = model.with_arm(next((r.arm for r in several if r.arm is not None), None))
+        read = tuple(_recording_on_base(recording, direction) for recording in several)
+        return cls(model, read[:count], read[count:])
+
+    @classmethod
+    def _as_read(cls, model: WrenchModel, several: Sequence[Recording], count: int) -> Case:
+        """Gravity's direction, sign and motion decided of recordings, of which the first `count` are to be fitted."""
         gravity, doubted, direction = None, None, _stated_direction(model, several)
         if direction is None:
             shown = gravity_evidence(
@@ -86,7 +157,7 @@ class Case:
         mounted = tuple(_recording_on_base(recording, direction) for recording in several)
         model, sign = with_convention(model, mounted)
         read = tuple(_with_decided_motion(recording, model) for recording in mounted)
-        return cls(model, read[: len(recordings)], read[len(recordings) :], sign, gravity, doubted)
+        return cls(model, read[:count], read[count:], sign, gravity, doubted)
 
     @cached_property
     def noise(self) -> tuple[RecordingNoise, ...]:

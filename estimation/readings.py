@@ -4,9 +4,7 @@ A reading is a hypothesis like an effect: the sign of the torques, an axis that 
 says that the readings are M times what the rigid tool predicts, M a signed permutation of the axes of force and torque.
 As M is orthogonal, and noise is as large in all axes of the force and of the torque, A = W M D, with D the derivative
 of the prediction and W the inverse std, has the same A'A for every M; A' times the readings is a sum over its entries.
-The tool
-is whole, torques and inertia included, so that a reading is wrong by what its mass, its first moment and its inertia
-contradict.
+The tool is whole, with its torques and inertia: mass, first moment and inertia have to agree in a reading.
 
 A reading is shown where the residual that it leaves is smaller by `LEAST_GAIN` and by a test that holds though neither
 reading is true (Vuong, "Likelihood ratio tests for model selection and non-nested hypotheses", 1989), in contiguous
@@ -38,9 +36,9 @@ Array = NDArray[np.float64]
 
 MOST_ROWS = 2000
 """Rows of a recording that are compared: a tool's weight needs no more, and all readings take some milliseconds."""
-LEAST_GAIN = 4.0
-"""Ratio of the mean squares of the two residuals: physics that is missing leaves more or less beside either reading,
-and a reading that removes less than that is no mistake of the whole recording."""
+LEAST_GAIN = 2.0
+"""Ratio of the mean squares of the two residuals: a mistake of the whole recording is most of what the rigid tool
+leaves as read, and what removes less than half of it is left to physics."""
 BLOCKS = 10
 """Contiguous blocks in which two readings are compared: each as long as the motion's correlation, enough for a std."""
 MEDIAN_SQUARE = 0.4549

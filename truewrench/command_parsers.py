@@ -17,6 +17,7 @@ from truewrench.options import (
     add_effect_changes,
     add_no_period,
     add_period,
+    add_readings,
     add_recordings,
     add_repeatable,
     add_report,
@@ -85,6 +86,7 @@ def diagnose(commands: Subcommands[Any]) -> argparse.ArgumentParser:
     )
     add_recordings(command)
     add_period(command)
+    add_readings(command)
     add_repeatable(command, "--validate", metavar="REC2", text="recording of another motion, never fitted")
     add_candidate_choice(command)
     add_custom_effects(command)
@@ -129,6 +131,7 @@ def fit(commands: Subcommands[Any]) -> argparse.ArgumentParser:
     )
     add_recordings(command)
     add_period(command)
+    add_readings(command)
     add_effect_changes(command)
     add_repeatable(command, "--validate", metavar="REC2", text="recording of another motion, compared but not fitted")
     add_custom_effects(command)

@@ -42,6 +42,15 @@ def add_no_period(command: argparse._ActionsContainer) -> None:
     command.add_argument("--no-period", action="store_true", help="every recording as one run, whatever repeats")
 
 
+def add_readings(command: argparse.ArgumentParser) -> None:
+    """Add --read and --as-read."""
+    either = command.add_mutually_exclusive_group()
+    text = "read the recordings otherwise, as was proposed by this id, such as torque_sign; may be given several times"
+    either.add_argument("--read", action="append", default=[], metavar="READING", help=text)
+    text = "take the recordings as they are, whatever their readings show of signs, axes and gravity's direction"
+    either.add_argument("--as-read", action="store_true", help=text)
+
+
 def add_custom_effects(command: argparse.ArgumentParser) -> None:
     """Add the option for a file of custom effects."""
     command.add_argument("--effects", type=Path, metavar="FILE", help="custom effects, formulas in TOML")

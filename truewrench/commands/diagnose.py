@@ -39,6 +39,8 @@ def run(arguments: argparse.Namespace) -> None:
         rig=arguments.rig,
         period=arguments.period,
         one_run=arguments.no_period,
+        read=arguments.read,
+        as_read=arguments.as_read,
     )
     calibration = None if arguments.calibration is None else _calibration_of(case, arguments.calibration)
     custom = custom_effects(arguments.effects, case)
@@ -56,7 +58,7 @@ def run(arguments: argparse.Namespace) -> None:
         provenance = provenance_of(arguments, *arguments.recordings, *arguments.validate, *inputs)
         texts = report_texts(diagnosis, provenance)
         written = write(diagnosis, data, texts, out, arguments.report)
-    frames = "".join(f"\n\n{sentence}" for sentence in frame_sentences(case))
+    frames = "".join(f"\n\n{sentence}" for sentence in frame_sentences(replace(case, reading=None)))
     print_result(arguments, lambda: diagnosis_text(diagnosis) + frames, lambda: data, written)
 
 

@@ -39,6 +39,8 @@ def run(arguments: argparse.Namespace) -> None:
         rig=arguments.rig,
         period=arguments.period,
         one_run=arguments.no_period,
+        read=arguments.read,
+        as_read=arguments.as_read,
     )
     custom = custom_effects(arguments.effects, case)
     case = replace(case, model=with_effects_changed(case.model, arguments.add, arguments.drop, custom))

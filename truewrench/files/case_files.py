@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from math import atan2, degrees
 from pathlib import Path
@@ -20,7 +20,7 @@ from estimation.recordings.sign_convention import (
     nearest_quarter_turns,
 )
 from modeling.chain.model import ALIGNED_MOUNTING, planar, spatial
-from modeling.errors import InputError
+from modeling.errors import InputError, quoted
 from modeling.rig import Convention, Rig
 
 
@@ -31,6 +31,8 @@ def read_case(
     rig: Rig | str | None = None,
     period: float | None = None,
     one_run: bool = False,
+    read: Collection[str] = (),
+    as_read: bool = False,
 ) -> Case:
     """The case of these files, with the rigid tool for a model; `rig` is a rig, or the path of its file.
 
@@ -41,13 +43,33 @@ def read_case(
     description = rig if rig is None or isinstance(rig, Rig) else Rig.read(rig)
     periods = (*(period for _ in training), *(None for _ in validation))
     recordings = read_recordings((*training, *validation), rig=description, periods=periods, one_run=one_run)
-    return rigid_tool_case(recordings[: len(training)], recordings[len(training) :], description)
+    return rigid_tool_case(
+        recordings[: len(training)], recordings[len(training) :], description, read=read, as_read=as_read
+    )
 
 
-def rigid_tool_case(training: Sequence[Recording], validation: Sequence[Recording], rig: Rig | None) -> Case:
-    """The case of recordings of one sensor with the rigid tool of a rig; InputError as `Case.of`."""
+def rigid_tool_case(
+    training: Sequence[Recording],
+    validation: Sequence[Recording],
+    rig: Rig | None,
+    *,
+    read: Collection[str] = (),
+    as_read: bool = False,
+) -> Case:
+    """The case of recordings of one sensor with the rigid tool of a rig; InputError as `Case.of`.
+
+    InputError, too, for the id of a reading among `read` that the data do not show.
+    """
     _require_one_sensor([*training, *validation])
-    return Case.of((planar if training[0].dimension == 2 else spatial)(rig), training, validation)
+    model = (planar if training[0].dimension == 2 else spatial)(rig)
+    case = Case.of(model, training, validation, read=read, as_read=as_read)
+    shown = [] if case.reading is None else [case.reading.id]
+    for reading in read:
+        if reading not in shown:
+            what = f"the recordings do not show the reading {quoted(reading)}"
+            remedy = f"they show {shown[0]}" if shown else "leave it out"
+            raise InputError(what=what, where="--read", remedy=remedy)
+    return case
 
 
 def read_recordings(
@@ -151,6 +173,8 @@ def convention_data(sign: SignDecision) -> dict[str, Any]:
 def frame_sentences(case: Case, *, detailed: bool = False) -> list[str]:
     """What the data decided of frames: gravity's direction, the sign convention; `detailed`, with its estimates."""
     sentences = [] if case.sign is None else [convention_sentence(case.sign, detailed=detailed)]
+    if case.reading is not None:
+        return [case.reading.sentence, *(sentences if case.reading.adopted else [])]
     if case.doubted is not None:
         return [case.doubted.not_applied, *sentences]
     if case.gravity is None:
@@ -161,7 +185,8 @@ def frame_sentences(case: Case, *, detailed: bool = False) -> list[str]:
 def frames_data(case: Case) -> dict[str, Any]:
     """The same as data."""
     gravity = {} if case.gravity is None else {"gravity": case.gravity.to_data()}
-    return gravity | ({} if case.sign is None else {"sign": convention_data(case.sign)})
+    readings = [] if case.reading is None else [case.reading.to_data()]
+    return gravity | ({} if case.sign is None else {"sign": convention_data(case.sign)}) | {"readings": readings}
 
 
 def imported_frames(recording: Recording) -> list[str]:
@@ -192,5 +217,7 @@ def _sign_of(recording: Recording) -> list[str]:
         case = Case.of(spatial(rig), [recording])
     except InputError as error:
         return [f"Sign convention: undecided ({error.what}); {error.remedy}."]
+    if case.reading is not None:
+        return [case.reading.sentence]
     gravity = [] if case.gravity is None else [case.gravity.sentence]
     return [*gravity, *([] if case.sign is None else [convention_sentence(case.sign, detailed=True)])]

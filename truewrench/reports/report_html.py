@@ -118,7 +118,8 @@ def _sentences(diagnosis: Diagnosis) -> list[str]:
         )
     gravity = [] if diagnosis.gravity is None else [diagnosis.gravity.sentence]
     points = filter(None, map(fixed_point_sentence, diagnosis.findings))
-    return [*given_sentences(diagnosis), *gravity, *reductions, *points, *disturbance_sentences(diagnosis)]
+    reading = [] if diagnosis.reading is None else [diagnosis.reading.sentence]
+    return [*reading, *given_sentences(diagnosis), *gravity, *reductions, *points, *disturbance_sentences(diagnosis)]
 
 
 def _error_reduction_sentence(comparisons: Sequence[Comparison], channel: int, where: str) -> str:

@@ -202,16 +202,20 @@ def disturbance_sentences(diagnosis: Diagnosis) -> list[str]:
 
 def diagnosis_text(diagnosis: Diagnosis) -> str:
     """Verdict, effects added, error after each selection step, evidence, candidates, unexplained residual."""
+    misread = diagnosis.reading is not None and not diagnosis.reading.adopted
     parts = [
+        *([] if diagnosis.reading is None else [diagnosis.reading.sentence]),
         verdict_sentence(diagnosis),
         *(_given_text(diagnosis, effect_id) for effect_id in diagnosis.given),
         *(effect_text(f, diagnosis.fit) for f in diagnosis.findings if f.verdict is EffectVerdict.SUPPORTED),
         *_tool_lines(diagnosis),
         error_reduction_text(diagnosis),
         "\n".join(_evidence(diagnosis)),
-        f"Candidate effects:\n{diagnosis.table}\n{CANDIDATES_NOTE}",
+        *([f"Candidate effects:\n{diagnosis.table}\n{CANDIDATES_NOTE}"] if diagnosis.findings else []),
     ]
-    return "\n\n".join(parts if diagnosis.unexplained is None else [*parts, _unexplained_text(diagnosis.unexplained)])
+    if diagnosis.unexplained is not None and not misread:  # else it is what was said first
+        parts.append(_unexplained_text(diagnosis.unexplained))
+    return "\n\n".join(parts)
 
 
 def _tool_lines(diagnosis: Diagnosis) -> list[str]:
