@@ -1,0 +1,198 @@
+"""Readings: mistakes of signs and axes are named before physics, alone and beside an effect, and none is invented."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.typing import NDArray
+
+from estimation import readings as module
+from estimation.case import Case
+from estimation.readings import RankedReading, RigidRows, axes_readings
+from estimation.recordings.recording import Recording
+from modeling.chain.model import spatial
+from modeling.errors import InputError
+from modeling.rig import Convention, Rig, SensorDescription
+from tests.shared.places import DATA, needs
+from tests.shared.recordings import recording_of
+from truewrench.command_line import main
+from truewrench.simulated_rig import (
+    CableSpring,
+    ContactEvent,
+    GravityTilt,
+    HiddenEffect,
+    SensorCrosstalk,
+    SensorLag,
+    SpatialRig,
+    ViscousDrag,
+    simulate,
+    static_poses,
+)
+
+Array = NDArray[np.float64]
+
+RIG = SpatialRig()
+DRAG = ViscousDrag(c=0.15, d=0.12)
+
+
+def run(seed: int, *hidden: HiddenEffect, repeats: int = 1, samples: int = 300) -> pd.DataFrame:
+    """A run of the rig, or repeats of a motion."""
+    motion = RIG.random_motion(seed=seed)
+    return simulate(RIG, motion, hidden=hidden, repeats=repeats, samples_per_period=samples, seed=seed)
+
+
+KINDS: dict[str, Callable[[], pd.DataFrame]] = {
+    "single": lambda: run(1),
+    "single with a drag": lambda: run(1, DRAG),
+    "repeats": lambda: run(2, repeats=3),
+    "repeats with a drag": lambda: run(2, DRAG, repeats=3),
+    "long": lambda: run(3, samples=6000),
+    "static": lambda: static_poses(RIG, 24, seed=4),
+}
+MISTAKES = {
+    "torque_sign": (("tx", "ty", "tz"), None),
+    "force_axis_mirrored x": (("fx",), "x"),
+    "force_axis_mirrored z": (("fz",), "z"),
+    "torque_axis_mirrored y": (("ty",), "y"),
+}
+
+
+def mistaken(frame: pd.DataFrame, columns: tuple[str, ...]) -> pd.DataFrame:
+    """The frame with the other sign in these columns."""
+    return frame.assign(**{column: -frame[column] for column in columns})
+
+
+@pytest.mark.parametrize(
+    ("kind", "mistake"),
+    [(kind, mistake) for kind in KINDS for mistake in MISTAKES if (kind, mistake) != ("static", "torque_sign")],
+)
+def test_a_mistake_is_named_proposed_and_mended(kind: str, mistake: str) -> None:
+    """With a sign that is stated: the readings are as the log's author says but for the mistake."""
+    frame = KINDS[kind]()
+    columns, axis = MISTAKES[mistake]
+    model = spatial(Rig(sensor=SensorDescription(convention=Convention.ON_TOOL)))
+    wrong = recording_of(mistaken(frame, columns))
+    case = Case.of(model, [wrong])
+    assert case.reading is not None
+    assert (case.reading.id, case.reading.value) == (mistake.split()[0], axis)
+    assert not case.reading.adopted
+    assert case.recordings[0].wrench is wrong.wrench
+    assert abs(case.reading.mass - RIG.mass) < 0.03 * RIG.mass
+    mended = Case.of(model, [wrong], read=[case.reading.id])
+    assert mended.reading is not None
+    assert mended.reading.adopted
+    np.testing.assert_array_equal(mended.recordings[0].wrench, recording_of(frame).wrench)
+    assert Case.of(model, [wrong], as_read=True).reading is None
+
+
+def test_at_rest_the_sign_of_the_torques_is_the_side_of_the_centre_of_mass() -> None:
+    """c x f has the other sign for -c: without inertial forces about it nothing tells one from the other."""
+    columns, _ = MISTAKES["torque_sign"]
+    assert Case.of(spatial(), [recording_of(mistaken(KINDS["static"](), columns))]).reading is None
+
+
+HIDDEN: tuple[tuple[HiddenEffect, ...], ...] = (
+    (),
+    (ViscousDrag(c=1.0, d=0.12),),
+    (CableSpring(k=10.0, d=0.12),),
+    (SensorCrosstalk(leaks=(("fy", "fx", 0.2), ("tx", "fy", 0.05))),),
+    (GravityTilt(),),
+    (SensorLag(time_constant=0.1),),
+    (ContactEvent(force=(15.0, -10.0, 5.0), torque=(0.0, 0.0, 0.5)),),
+)
+
+
+@pytest.mark.parametrize("stated", [True, False], ids=["stated", "auto"])
+@pytest.mark.parametrize("hidden", HIDDEN, ids=lambda hidden: hidden[0].id if hidden else "nothing")
+def test_none_is_invented(hidden: tuple[HiddenEffect, ...], stated: bool) -> None:
+    """Beside effects that are far from small, too: in the simulations for this none of 117 was doubted, even without a
+    least gain. At most 2.6 % of such recordings are then, at 95 %."""
+    sensor = SensorDescription(convention=Convention.ON_TOOL) if stated else SensorDescription()
+    for seed in range(5):
+        recording = recording_of(run(seed, *hidden, repeats=1 + 2 * (seed % 2)))
+        try:
+            case = Case.of(spatial(Rig(sensor=sensor)), [recording])
+        except InputError as error:
+            assert "the sign convention cannot be decided" in error.what  # noqa: PT017  # nothing is invented either
+        else:
+            assert case.reading is None
+
+
+def test_poses_at_rest_are_not_doubted() -> None:
+    for seed in range(10):
+        assert Case.of(spatial(), [recording_of(static_poses(RIG, 24, seed=seed))]).reading is None
+
+
+def rows_of(recording: Recording) -> RigidRows:
+    model = spatial(Rig(sensor=SensorDescription(convention=Convention.ON_TOOL)))
+    return RigidRows.of([recording], model.base)
+
+
+def test_the_closed_form_is_the_least_squares_of_the_readings_turned_back() -> None:
+    """Of each reading: NumPy's least squares of the rows that M' brings back to the axes of the tool."""
+    rows = rows_of(recording_of(run(5)))
+    for reading in [*axes_readings(None)][::37]:
+        ranked = RankedReading(reading, rows)
+        target = rows.readings @ reading.matrix
+        regressor = rows.derivative.reshape(-1, rows.derivative.shape[2])
+        theta, squares, *_ = np.linalg.lstsq(regressor, target.ravel(), rcond=None)
+        np.testing.assert_allclose(ranked.parameters, theta, rtol=1e-6, atol=1e-9)
+        assert ranked.mean_square == pytest.approx(float(squares[0]) / target.size, rel=1e-9)
+        assert float(ranked.squares.mean()) == pytest.approx(ranked.mean_square, rel=1e-9)
+
+
+def test_the_noise_is_that_from_sample_to_sample() -> None:
+    """Of a rigid tool without a mistake the residual is as large: 1, within 5 % for the median of 1800 changes."""
+    rows = rows_of(recording_of(run(6, samples=1800)))
+    as_read = next(axes_readings(None))
+    assert np.sqrt(RankedReading(as_read, rows).mean_square) == pytest.approx(1.0, abs=0.1)
+    assert len(rows.readings) <= module.MOST_ROWS
+
+
+def truth(tool: Path) -> float:
+    mass: float = json.loads((tool / "truth.json").read_text())["m"]
+    return mass
+
+
+def diagnosed(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> dict[str, Any]:
+    assert main(["diagnose", *map(str, arguments), "--json"]) == 0
+    data: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return data
+
+
+@needs(DATA / "workshop_tools")
+@pytest.mark.parametrize("name", ["Hammer", "Bent_Jaw_Pliers", "Rubber_Mallet", "Electronic_Caliper", "Measuring_Tape"])
+def test_published_tools_whose_gravity_points_up(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Their wrench is m (g + a): read with gravity along +z it is a rigid tool's, and no effect is found."""
+    tool = DATA / "workshop_tools" / name
+    found = diagnosed(capsys, tool / "run.csv", "--rig", tool / "rig.toml")
+    (reading,) = found["readings"]
+    assert (reading["id"], reading["adopted"], reading["value"]) == ("gravity_direction", True, [0, 0, 1])
+    assert (found["verdict"], found["added"]) == ("nothing_missing", [])
+    mass = found["parameters"]["m"]
+    assert mass["value"] == pytest.approx(truth(tool), abs=max(5 * mass["std"], 0.002))
+
+
+@needs(DATA / "reading_cases")
+def test_a_proposed_reading_withholds_the_verdict_until_it_is_read_so(capsys: pytest.CaptureFixture[str]) -> None:
+    log = DATA / "reading_cases" / "torque_sign_or_unit" / "torque_sign.csv"
+    withheld = diagnosed(capsys, log)
+    assert (withheld["verdict"], withheld["added"], withheld["effects"]) == ("unexplained", [], [])
+    (reading,) = withheld["readings"]
+    assert reading["sentence"] == withheld["unexplained"]["where"]
+    assert (reading["id"], reading["adopted"]) == ("torque_sign", False)
+    read_so = diagnosed(capsys, log, "--read", "torque_sign")
+    assert read_so["verdict"] == "nothing_missing"
+    assert read_so["parameters"]["m"]["value"] == pytest.approx(1.2, abs=0.002)
+    assert main(["fit", str(log), "--read", "force_unit"]) == 2
+    assert "the recordings do not show the reading 'force_unit'; they show torque_sign" in capsys.readouterr().err
+    as_read = diagnosed(capsys, log, "--as-read", "--only", "viscous_drag")
+    assert as_read["readings"] == []
+    assert main(["diagnose", str(log)]) == 0
+    assert capsys.readouterr().out.startswith("The recording seems to be read wrongly, and no physics is looked for: ")
