@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +43,6 @@ from estimation.fit import Fit, noise_without_transients, recordings_of, require
 from estimation.gravity.gravity_estimate import GravityEstimate
 from estimation.least_squares.estimates import estimates_data
 from estimation.multiplicity import bonferroni_p_value
-from estimation.readings import DoubtedReading
 from estimation.recordings.recording import Recording, require_different_readings
 from modeling.chain.effect import Effect, effects_of
 from modeling.chain.model import WrenchModel, require_model
@@ -51,6 +50,10 @@ from modeling.effects import catalogue
 from modeling.number_format import P_VALUE, SHARE, finite
 from modeling.significance import LEVELS
 from modeling.table import Column, Table, Tabular
+
+if TYPE_CHECKING:
+    from estimation.readings import DoubtedReading
+
 
 # Verdict rules on the recordings as a whole.
 
