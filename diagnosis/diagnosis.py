@@ -448,9 +448,8 @@ def _diagnosed(
     """Fit, search, accept on held-out data, judge the recordings, judge the effects."""
     cache, model = ScreeningCache(), case.model
     given = {effect.id for effect in model.effects}
-    misread = case.reading is not None and not case.reading.adopted
     candidates = [e for e in (catalogue(model.space) if effects is None else effects) if e.id not in given]
-    candidates = [] if misread else candidates  # what would be found explains the mistake
+    candidates = [] if case.misread else candidates  # what would be found explains the mistake
     progress("fit the rigid tool" + "".join(f", {effect.id}" for effect in model.effects))
     base = unchecked_fit(case, start=model_initial_values(case) if model.effects else {})
     held_out = [HeldOut(r, n) for r, n in zip(case.held_out, case.held_out_noise, strict=True)]
@@ -459,13 +458,14 @@ def _diagnosed(
     chosen = _without_negligible(selection.chosen, *channel_tolerance(base))
     acceptance = accept(chosen, selection.base, held_out, candidates)
     reasons = dict(acceptance.reasons)
-    outcome = _Outcome(selection, acceptance.candidate, acceptance.held_out, misread)
+    outcome = _Outcome(selection, acceptance.candidate, acceptance.held_out, case.misread)
     verdict, reason = judge(RECORD_RULES, outcome.evidence)
     if verdict is RecordVerdict.UNEXPLAINED and outcome.candidate.ids:
         reasons |= dict.fromkeys(sorted(outcome.candidate.ids), reason)
         disturbed = tuple(with_disturbances(h, selection.base.fit, candidates, cache) for h in held_out)
         outcome = _Outcome(selection, selection.base, disturbed)
-    require_positive_fitted_mass(outcome.fit)
+    if not case.misread:
+        require_positive_fitted_mass(outcome.fit)
     progress("verdict, upper limit and aliases of every effect")
     final, steps = outcome.candidate, outcome.steps
     alternatives = given_alternatives(final, candidates)
@@ -475,7 +475,7 @@ def _diagnosed(
     unexplained = None
     if verdict in (RecordVerdict.UNEXPLAINED, RecordVerdict.PARTLY_EXPLAINED):
         unexplained = _unexplained(steps[-1], outcome.tolerance, outcome.rows_left_out)
-        if misread and case.reading is not None:
+        if case.reading is not None and case.misread:
             unexplained = replace(unexplained, where=case.reading.sentence)
     zero_shift_of_held_out, disturbances = outcome.zero_shift, outcome.disturbances
     final.cache.forget()

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from diagnosis.comparison.compared_step import (
     ComparedFit,
@@ -44,6 +45,9 @@ from modeling.number_format import P_VALUE
 from modeling.rig import Rig
 from modeling.significance import LEVELS
 from modeling.table import Column, Table, Tabular
+
+if TYPE_CHECKING:
+    from estimation.readings import DoubtedReading
 
 START = "rigid tool"
 MOST_MAPS = 6
@@ -131,6 +135,8 @@ class Study(Tabular):
         The suspects.
     progress : callable, optional
         Called with one line of text at each stage; by default silent.
+    reading : DoubtedReading, optional
+        Another reading of the recordings that is shown; by default none.
 
     Notes
     -----
@@ -149,9 +155,14 @@ class Study(Tabular):
     """
 
     def __init__(
-        self, fitted: Fit, held_out: Sequence[HeldOut], candidates: Sequence[Effect], progress: Progress = silent
+        self,
+        fitted: Fit,
+        held_out: Sequence[HeldOut],
+        candidates: Sequence[Effect],
+        progress: Progress = silent,
+        reading: DoubtedReading | None = None,
     ) -> None:
-        self._held_out, self._progress = tuple(held_out), progress
+        self._held_out, self._progress, self.reading = tuple(held_out), progress, reading
         self._candidates = {effect.id: effect for effect in candidates}
         self._cache = ScreeningCache()
         first = self._step(START, fitted)
@@ -285,7 +296,7 @@ class Study(Tabular):
 
         What the model has is given and stays. `workers` is without effect, as in `diagnose`.
         """
-        case = Case(self.model, self.fit.recordings, tuple(h.recording for h in self._held_out))
+        case = Case(self.model, self.fit.recordings, tuple(h.recording for h in self._held_out), reading=self.reading)
         diagnosis = diagnose_case(case, effects=tuple(self._candidates.values()), progress=self._progress)
         for step in diagnosis.steps[1:]:
             self.steps = (*self.steps, StudyStep(f"+ {step.effect}", step.fit, step.training, step.validation))
@@ -312,8 +323,10 @@ class Study(Tabular):
     def remarks(self) -> list[str]:
         """What the current model is, and which recordings it does not fit."""
         failing = self.steps[-1].misfitting
+        reading = [] if self.reading is None else [self.reading.sentence]
         fits = [f"does not fit {', '.join(failing)}"] if failing else []
         return [
+            *reading,
             *fits,
             f"model: {' + '.join([START, *self.effects])}; worst channel, systematic error with repeats, else rms",
         ]
@@ -420,7 +433,8 @@ def study_case(case: Case, *, effects: Sequence[Effect] | None = None, progress:
     """`study` of a case."""
     fitted = fit_case(case, start=model_initial_values(case) if case.model.effects else None)
     held_out = [HeldOut(r, n) for r, n in zip(case.held_out, case.held_out_noise, strict=True)]
-    return Study(fitted, held_out, catalogue(fitted.model.space) if effects is None else effects, progress)
+    candidates = catalogue(fitted.model.space) if effects is None else effects
+    return Study(fitted, held_out, candidates, progress, case.reading)
 
 
 def _require_order(model: object, recordings: object) -> None:

@@ -159,6 +159,11 @@ class Case:
         read = tuple(_with_decided_motion(recording, model) for recording in mounted)
         return cls(model, read[:count], read[count:], sign, gravity, doubted)
 
+    @property
+    def misread(self) -> bool:
+        """Whether another reading is shown and not adopted: what a fit gives then is no measurement of the tool."""
+        return self.reading is not None and not self.reading.adopted
+
     @cached_property
     def noise(self) -> tuple[RecordingNoise, ...]:
         """Noise of the recordings before any fit (`initial_noise`)."""

@@ -363,7 +363,8 @@ def fit_case(
         fitted = unchecked_fit(case, noise=without_transients, start=fitted.values, constraints=constraints)
     given = noise is not None or constraints is not None
     fitted = with_coloured_std(fitted) if given else with_ordinary_estimate(fitted)
-    require_positive_fitted_mass(fitted)
+    if not case.misread:
+        require_positive_fitted_mass(fitted)
     return fitted
 
 

@@ -268,6 +268,11 @@ class DoubtedReading:
             f"the residual of the rigid tool is {self.after:.2g} times the noise from sample to sample then, and"
             f" {self.before:.2g} times as read (p = {self.p_value:.1g}), with a mass of {self.mass:.4g} kg"
         )
+        if self.adopted and self.reading.mistake:
+            return (
+                f"Read so that {self.meaning}: {evidence}. `compensate` and `compare` take a log as it stands: mend it"
+                " for them."
+            )
         if self.adopted:
             return f"Read so that {self.meaning}: {evidence}. To state it: {self.statement}; --as-read prevents it."
         return (

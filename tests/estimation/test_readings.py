@@ -12,6 +12,8 @@ import pandas as pd
 import pytest
 from numpy.typing import NDArray
 
+from diagnosis.study import study
+from diagnosis.verdict_rule import RecordVerdict
 from estimation import readings as module
 from estimation.case import Case
 from estimation.readings import RankedReading, RigidRows, axes_readings
@@ -196,3 +198,13 @@ def test_a_proposed_reading_withholds_the_verdict_until_it_is_read_so(capsys: py
     assert as_read["readings"] == []
     assert main(["diagnose", str(log)]) == 0
     assert capsys.readouterr().out.startswith("The recording seems to be read wrongly, and no physics is looked for: ")
+
+
+def test_a_study_says_it_and_its_diagnosis_looks_for_no_physics() -> None:
+    frame = mistaken(run(7, repeats=3), ("fx",))
+    begun = study(spatial(Rig(sensor=SensorDescription(convention=Convention.ON_TOOL))), recording_of(frame))
+    assert begun.reading is not None
+    assert begun.remarks()[0] == begun.reading.sentence
+    diagnosis = begun.diagnose()
+    assert (diagnosis.verdict, diagnosis.added, diagnosis.findings) == (RecordVerdict.UNEXPLAINED, (), ())
+    assert diagnosis.remarks()[0] == begun.reading.sentence
