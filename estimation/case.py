@@ -115,11 +115,11 @@ class Case:
         """The case with a reading that is shown, adopted where that contradicts no statement or is asked for."""
         reading, count = shown.reading, len(self.recordings)
         contradicts = given.convention not in (Convention.AUTO, reading.convention)
-        if (reading.mistake or contradicts) and shown.id not in read:
+        if (reading.mistake or contradicts) and (shown.id not in read or shown.p_value is None):
             return replace(self, reading=shown)
         adopted = replace(shown, adopted=True)
         if reading.mistake:
-            corrected = [recording.with_readings(recording.wrench * reading.signs) for recording in several]
+            corrected = [recording.with_readings(recording.wrench / reading.factors) for recording in several]
             return replace(Case._as_read(given, corrected, count), reading=adopted)
         direction = reading.gravity or self.model.gravity_direction
         model = given if direction is None else _on_base(given, direction)

@@ -15,7 +15,7 @@ differences from sample to sample: a residual would have the mistake in it.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.multiplicity import student_sf
+from estimation.reading.column_map import TORQUE
 from estimation.recordings.recording import Recording
 from modeling.chain.model import ALIGNED_MOUNTING, QUARTER_TURNS, QuarterTurnRotation, WrenchModel
 from modeling.chain.prediction import compiled_prediction
@@ -49,22 +50,26 @@ RANK_TOLERANCE = 1e-10
 """Of the largest singular value of the normal matrix: a parameter that the motion does not excite has no column."""
 FEW = 40
 """Readings with the smallest residuals that are compared sample by sample, the others are too far off to be alike."""
+LARGEST_MASS = 5000.0
+"""kg: twice what the strongest industrial robots carry; a wrist sensor that reads more reads no newtons."""
+TORQUE_UNITS = {unit: 1 / TORQUE[unit] for unit in ("N mm", "N cm", "lbf in", "lbf ft")}
+"""Logged torques for each N m, beside forces in N."""
 UP: Direction = (0.0, 0.0, 1.0)
 SIGN_OF = {Convention.ON_TOOL: 1.0, Convention.ON_SENSOR: -1.0}
 
 
 @dataclass(frozen=True, eq=False)
 class AxesReading:
-    """What the logged wrench is of the sensor's: `signs` times the wrench of a sensor that is mounted turned.
+    """What the logged wrench is of the sensor's: `factors` times the wrench of a sensor that is mounted turned.
 
-    mistake  id of what would be mistaken, empty for none; `axis` the one that is mirrored
-    signs    (6,) of the logged forces and torques
+    mistake  id of what would be mistaken, empty for none; `detail` the axis that is mirrored, or the unit
+    factors  (6,) of the logged forces and torques
     turn     quarter turns (3, 3) of the mounting; `gravity` the direction in base axes, None as the model has it
     """
 
     mistake: str
-    axis: str
-    signs: Array
+    detail: str
+    factors: Array
     convention: Convention
     turn: QuarterTurnRotation
     gravity: Direction | None = None
@@ -78,17 +83,19 @@ class AxesReading:
     def matrix(self) -> Array:
         """From the wrench that the tool predicts, on it and not turned, to the logged one, (6, 6)."""
         turn = SIGN_OF[self.convention] * np.array(self.turn, dtype=np.float64)
-        return self.signs[:, None] * np.kron(np.eye(2), turn)
+        return self.factors[:, None] * np.kron(np.eye(2), turn)
 
 
 def axes_readings(gravity: Direction | None) -> Iterator[AxesReading]:
     """Every reading of the axes: signs and quarter turns as a mounting has them, each alone and with one mistake."""
-    mistakes: list[tuple[str, str, Sequence[int]]] = [("", "", ()), ("torque_sign", "", (3, 4, 5))]
+    torques = np.arange(6) >= 3
+    mistakes = [("", "", np.ones(6)), ("torque_sign", "", np.where(torques, -1.0, 1.0))]
     for number, axis in enumerate("xyz"):
-        mistakes += [("force_axis_mirrored", axis, (number,)), ("torque_axis_mirrored", axis, (3 + number,))]
-    for convention, turn, (mistake, axis, mirrored) in product(SIGN_OF, QUARTER_TURNS, mistakes):
-        signs = np.where(np.isin(np.arange(6), mirrored), -1.0, 1.0)
-        yield AxesReading(mistake, axis, signs, convention, turn, gravity)
+        for mistake, place in (("force_axis_mirrored", number), ("torque_axis_mirrored", 3 + number)):
+            mistakes.append((mistake, axis, np.where(np.arange(6) == place, -1.0, 1.0)))
+    mistakes += [("torque_unit", unit, np.where(torques, factor, 1.0)) for unit, factor in TORQUE_UNITS.items()]
+    for convention, turn, (mistake, detail, factors) in product(SIGN_OF, QUARTER_TURNS, mistakes):
+        yield AxesReading(mistake, detail, factors, convention, turn, gravity)
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,12 +130,12 @@ class RigidRows:
         return float((self.readings**2).sum())
 
     @cached_property
-    def inverse(self) -> Array:
-        """Pseudoinverse (k, k) of the normal matrix."""
-        normal = np.einsum("nik,nil->kl", self.derivative, self.derivative)
-        size = np.sqrt(np.maximum(np.diag(normal), SMALLEST_STD**2))
-        scaled = np.linalg.pinv(normal / np.outer(size, size), rcond=RANK_TOLERANCE, hermitian=True)
-        return np.asarray(scaled / np.outer(size, size))
+    def inverses(self) -> Mapping[float, Array]:
+        """Pseudoinverse (k, k) of the normal matrix for each factor of the torques."""
+        force, torque = (
+            np.einsum("nik,nil->kl", half, half) for half in (self.derivative[:, :3], self.derivative[:, 3:])
+        )
+        return {factor: _inverse(force + factor**2 * torque) for factor in (1.0, *TORQUE_UNITS.values())}
 
     @cached_property
     def products(self) -> Array:
@@ -146,6 +153,13 @@ def _scale(recordings: Sequence[Recording]) -> Array:
     return np.repeat(np.sqrt([max(float(group.mean()), SMALLEST_STD**2) for group in (variance[:3], variance[3:])]), 3)
 
 
+def _inverse(normal: Array) -> Array:
+    """Pseudoinverse (k, k) of a normal matrix, its columns scaled to unit length."""
+    size = np.sqrt(np.maximum(np.diag(normal), SMALLEST_STD**2))
+    scaled = np.linalg.pinv(normal / np.outer(size, size), rcond=RANK_TOLERANCE, hermitian=True)
+    return np.asarray(scaled / np.outer(size, size))
+
+
 def _centred(rows: Array) -> Array:
     return np.asarray(rows - rows.mean(axis=0))
 
@@ -160,7 +174,7 @@ class RankedReading:
     @cached_property
     def parameters(self) -> Array:
         """Parameters (k,) of the tool."""
-        return self.rows.inverse @ self._right_side
+        return self.rows.inverses[abs(self.reading.factors[-1])] @ self._right_side
 
     @cached_property
     def _right_side(self) -> Array:
@@ -204,7 +218,8 @@ class DoubtedReading:
 
     before, after  root mean square of the rigid tool's residual over the noise from sample to sample, as read and in
                    this reading
-    p_value        that the recording as read is as near to the truth, family-wise over all readings
+    p_value        that the recording as read is as near to the truth, family-wise over all readings; None where nothing
+                   but the weight is doubted
     mass           kg, of the tool in this reading
     adopted        whether the recordings are read so
     """
@@ -212,7 +227,7 @@ class DoubtedReading:
     reading: AxesReading
     before: float
     after: float
-    p_value: float
+    p_value: float | None
     mass: float
     adopted: bool = False
 
@@ -228,7 +243,7 @@ class DoubtedReading:
     @property
     def value(self) -> Any:
         """Direction, rotation, convention or axis; None of a sign."""
-        of_mistake = self.reading.axis or None
+        of_mistake = self.reading.detail or None
         values = {
             "gravity_direction": list(self.reading.gravity or ()),
             "sensor_turned": [list(row) for row in self.reading.turn],
@@ -244,6 +259,8 @@ class DoubtedReading:
             "gravity_direction": f"gravity_direction = {self.value} under [robot] and {convention} of the rig",
             "sensor_turned": f"{convention} of the rig, or turn the wrench into the axes of the pose",
             "wrench_sign": f"{convention} of the rig",
+            "torque_unit": f'units = {{ torque = "{self.reading.detail}" }} in a map, or --read torque_unit',
+            "force_unit": 'units = { force = "..", torque = ".." } in a map',
         }
         return statements.get(self.id, f"--read {self.id}")
 
@@ -255,15 +272,23 @@ class DoubtedReading:
             f" {self.reading.convention.value}",
             "sensor_turned": "the sensor is turned by quarter turns against the axes of the pose",
             "wrench_sign": f"the readings are {self.reading.convention.value}",
+            "torque_unit": f"the torques are in {self.reading.detail}, the forces in N",
+            "force_unit": "the forces are in other units than N, such as counts",
             "torque_sign": "the torques have the other sign than the forces",
-            "force_axis_mirrored": f"the force along {self.reading.axis} has the other sign",
-            "torque_axis_mirrored": f"the torque about {self.reading.axis} has the other sign",
+            "force_axis_mirrored": f"the force along {self.reading.detail} has the other sign",
+            "torque_axis_mirrored": f"the torque about {self.reading.detail} has the other sign",
         }
         return meanings[self.id]
 
     @property
     def sentence(self) -> str:
         """What is doubted, the evidence, and how it is stated."""
+        if self.p_value is None:
+            return (
+                f"The recording seems to be read wrongly: {self.meaning}; the tool would"
+                f" weigh {self.mass:.2g} kg. State them, {self.statement}; if they are N, --as-read takes the recording"
+                " as it is."
+            )
         evidence = (
             f"the residual of the rigid tool is {self.after:.2g} times the noise from sample to sample then, and"
             f" {self.before:.2g} times as read (p = {self.p_value:.1g}), with a mass of {self.mass:.4g} kg"
@@ -276,7 +301,7 @@ class DoubtedReading:
         if self.adopted:
             return f"Read so that {self.meaning}: {evidence}. To state it: {self.statement}; --as-read prevents it."
         return (
-            f"The recording seems to be read wrongly, and no physics is looked for: {self.meaning}; {evidence}."
+            f"The recording seems to be read wrongly: {self.meaning}; {evidence}."
             f" If it is so, apply it with {self.statement}; if not, --as-read takes the recording as it is."
         )
 
@@ -309,7 +334,7 @@ def doubted_reading(recordings: Sequence[Recording], model: WrenchModel) -> Doub
     as_read = next(r for r in every if r.is_of(model))
     ranked = sorted((r for r in every if r.mass > 0), key=lambda r: (r.mean_square, r.reading.cost))[:FEW]
     if not ranked or ranked[0].mean_square * LEAST_GAIN > as_read.mean_square:
-        return None
+        return _too_heavy(as_read)
     of_cost = Counter(r.reading.cost for r in every)
 
     def tried(shown: RankedReading) -> int:
@@ -323,3 +348,12 @@ def doubted_reading(recordings: Sequence[Recording], model: WrenchModel) -> Doub
         return None
     before, after = (float(np.sqrt(r.mean_square)) for r in (as_read, simplest))
     return DoubtedReading(simplest.reading, before, after, p_value, simplest.mass)
+
+
+def _too_heavy(as_read: RankedReading) -> DoubtedReading | None:
+    """The doubt in the unit of forces whose weight no wrist carries; None of one that is possible."""
+    if abs(as_read.mass) < LARGEST_MASS:
+        return None
+    size = float(np.sqrt(as_read.mean_square))
+    unknown = replace(as_read.reading, mistake="force_unit")
+    return DoubtedReading(unknown, size, size, None, as_read.mass)

@@ -63,12 +63,14 @@ def rigid_tool_case(
     _require_one_sensor([*training, *validation])
     model = (planar if training[0].dimension == 2 else spatial)(rig)
     case = Case.of(model, training, validation, read=read, as_read=as_read)
-    shown = [] if case.reading is None else [case.reading.id]
     for reading in read:
-        if reading not in shown:
+        if case.reading is None or reading != case.reading.id:
             what = f"the recordings do not show the reading {quoted(reading)}"
-            remedy = f"they show {shown[0]}" if shown else "leave it out"
+            remedy = "leave it out" if case.reading is None else f"they show {case.reading.id}"
             raise InputError(what=what, where="--read", remedy=remedy)
+        if case.misread:
+            remedy = f"state {case.reading.statement}"
+            raise InputError(what=f"nothing says how {reading} is to be read", where="--read", remedy=remedy)
     return case
 
 

@@ -62,7 +62,8 @@ class FitSummary:
 
     def text(self, case: Case | None, *, runs: bool = False, verbose: bool = True) -> str:
         """Summary; the repeatability tables only if `verbose`, and the rows of every run in it only with `runs`."""
-        parts = [self.headline(), *([] if case is None else frame_sentences(case, detailed=verbose))]
+        frames = [] if case is None else frame_sentences(case, detailed=verbose)
+        parts = [*frames, self.headline()] if case is not None and case.misread else [self.headline(), *frames]
         parts += [self.parameters(), *self._constraints(), *self._outliers(), *self._poses()]
         parts += [f"{c.recording.name}:\n{c}" for c in self.comparisons]
         parts += [f"{c.recording.name} (held out, its biases estimated there):\n{c}" for c in self.validation]
