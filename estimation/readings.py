@@ -245,7 +245,7 @@ class DoubtedReading:
         """Direction, rotation, convention or axis; None of a sign."""
         of_mistake = self.reading.detail or None
         values = {
-            "gravity_direction": list(self.reading.gravity or ()),
+            "gravity_direction": [int(component) for component in self.reading.gravity or ()],
             "sensor_turned": [list(row) for row in self.reading.turn],
             "wrench_sign": self.reading.convention.value,
         }
