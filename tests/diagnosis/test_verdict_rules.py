@@ -149,6 +149,10 @@ EFFECT_CASES: dict[str, tuple[EffectEvidence, EffectVerdict, str]] = {
 FITS, MISFITS = RecordEvidence(lack_of_fit=0.01), RecordEvidence(lack_of_fit=0.0099)
 HALVES = "it removes less than half of the systematic error, and the residual stays significant"
 RECORD_CASES: dict[str, list[tuple[RecordEvidence, RecordVerdict, str]]] = {
+    "the recordings seem to be read wrongly": [
+        (replace(FITS, misread=True), RecordVerdict.UNEXPLAINED, ""),
+        (replace(MISFITS, misread=True, effects=1, within_tolerance=True), RecordVerdict.UNEXPLAINED, ""),
+    ],
     "adequate without effects": [(FITS, RecordVerdict.NOTHING_MISSING, "")],
     "no effect accepted": [
         (MISFITS, RecordVerdict.UNEXPLAINED, ""),

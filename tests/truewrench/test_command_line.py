@@ -240,6 +240,7 @@ def test_fit_json_is_the_model_and_how_well_it_fits(bench: Bench, run: Runner) -
         "validation",
         "repeats",
         "intervals",
+        "readings",
         "tool_unknown",
         "converged",
         "condition",
