@@ -50,14 +50,15 @@ def run(arguments: argparse.Namespace) -> None:
         diagnosis = diagnosed(case, candidates)
     diagnosis = diagnosis if calibration is None else diagnosis.calibrated(calibration)
     case = case.with_fitted_gravity(diagnosis.fit.model, diagnosis.fit.values)
-    out = None if arguments.out is None else make_folder(arguments.out)
     data = diagnosis.to_data() | frames_data(case)
-    written = []
-    if out is not None or arguments.report is not None:
+
+    def written() -> list[Path]:
+        if arguments.out is None and arguments.report is None:
+            return []
         inputs = (arguments.rig, arguments.effects, arguments.calibration)
         provenance = provenance_of(arguments, *arguments.recordings, *arguments.validate, *inputs)
-        texts = report_texts(diagnosis, provenance)
-        written = write(diagnosis, data, texts, out, arguments.report)
+        return write(diagnosis, data, report_texts(diagnosis, provenance), arguments.out, arguments.report)
+
     frames = "".join(f"\n\n{sentence}" for sentence in frame_sentences(replace(case, reading=None)))
     print_result(arguments, lambda: diagnosis_text(diagnosis) + frames, lambda: data, written)
 
@@ -102,6 +103,7 @@ def write(
     written = [] if report is None else write_report_files(texts, report)
     if out is None:
         return written
+    make_folder(out)
     contents = (
         texts.html,
         json.dumps(data, indent=2, allow_nan=False) + "\n",
