@@ -14,6 +14,7 @@ from diagnosis.calibration import Calibration
 from diagnosis.diagnosis import Diagnosis, diagnose_case
 from estimation.case import Case
 from modeling.chain.effect import Effect
+from modeling.effects.geometry import GravityTilt
 from truewrench.commands.effect_choice import candidate_effects, custom_effects, with_effects_changed
 from truewrench.commands.results import print_result, provenance_of, suspicions_named
 from truewrench.files.case_files import frame_sentences, frames_data, read_case
@@ -44,7 +45,8 @@ def run(arguments: argparse.Namespace) -> None:
     )
     calibration = None if arguments.calibration is None else _calibration_of(case, arguments.calibration)
     custom = custom_effects(arguments.effects, case)
-    case = replace(case, model=with_effects_changed(case.model, arguments.given, [], custom))
+    model = with_effects_changed(case.model, arguments.given, [], custom)
+    case = replace(case, model=model, tilt_fitted=case.tilt_fitted and GravityTilt.id not in arguments.given)
     candidates = candidate_effects(case.model, arguments.only, arguments.without, custom)
     with suspicions_named((*case.recordings, *case.held_out)):
         diagnosis = diagnosed(case, candidates)
