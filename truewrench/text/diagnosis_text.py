@@ -164,7 +164,8 @@ def noise_notes(diagnosis: Diagnosis) -> list[str]:
 def evidence_notes(diagnosis: Diagnosis) -> list[str]:
     """What the verdict rests on: noise, rows, motion, what remains slowly, what was held out, calibration."""
     last = diagnosis.steps[-1]
-    notes = [*noise_notes(diagnosis), *motion_notes(last.training, diagnosis.fit.model)]
+    notes = [*noise_notes(diagnosis), *(note for c in last.training for note in c.outlier_notes)]
+    notes += motion_notes(last.training, diagnosis.fit.model)
     notes += [as_sentence(remainder.sentence) for remainder in diagnosis.slow_residuals]
     if diagnosis.removed_share < ALMOST_ALL:
         notes.append(

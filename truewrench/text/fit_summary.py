@@ -132,7 +132,8 @@ class FitSummary:
         """What the motion leaves unknown, what remains slowly, and the rows that the fit is not about."""
         slow = [as_sentence(remainder.sentence) for remainder in self.slow]
         rows = [left_out.sentence for left_out in self.rows_left_out]
-        return [*motion_notes(self.comparisons, self.fit.model), *slow, *rows]
+        outliers = [note for c in self.comparisons for note in c.outlier_notes]
+        return [*motion_notes(self.comparisons, self.fit.model), *outliers, *slow, *rows]
 
     def parameters(self) -> str:
         """Every estimate with std, 95 % interval and its degrees of freedom, and remarks on identifiability."""
