@@ -375,8 +375,8 @@ def _outlier_notes(comparison: Comparison) -> list[str]:
         if count and scale > 0 and floor > RAISED * scale:
             notes.append(
                 f"{recording.name}: {count} of {recording.samples} samples of {channel} are outliers, more than"
-                f" {OUTLYING:g} robust std from the other repeats, and raise its noise floor from {scale:.2g} to {floor:.2g}"
-                f" {unit}: `truewrench fit --robust` or `tw.robust_fit` limits their influence."
+                f" {OUTLYING:g} robust std from the other repeats, and raise its noise floor from {scale:.2g} to"
+                f" {floor:.2g} {unit}: `truewrench fit --robust` or `tw.robust_fit` limits their influence."
             )
     return notes
 

@@ -246,7 +246,7 @@ def _beginning_text(diagnosis: Diagnosis, effect: Effect) -> str:
 
 def _estimate_lines(effect: Effect, estimates: Mapping[str, Estimate], fit: Fit) -> list[str]:
     """Each estimate with what it is, then the size of the effect in the readings."""
-    values = {name: estimate_text(e.value, e.std, e.unit) for name, e in estimates.items()}
+    values = {name: estimate_text(e.value, e.shown_std, e.unit) for name, e in estimates.items()}
     fitted = next((e for e in fit.model.effects if e.id == effect.id), effect)
     meanings = {p.name: p.meaning for p in fitted.parameters(fit.model.space)}
     width, wide = max(map(len, values), default=0), max(map(len, values.values()), default=0)

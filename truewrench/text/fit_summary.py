@@ -30,13 +30,22 @@ from modeling.table import Table
 from truewrench.effect_description.effect_size import size_sentence
 from truewrench.files.case_files import frame_sentences, frames_data
 from truewrench.text.diagnosis_text import WEAKER
-from truewrench.text.tool_text import LEGEND, NOT_KNOWN, tool_extent_text, tool_text
+from truewrench.text.tool_text import (
+    LEGEND,
+    NOT_KNOWN,
+    constant_channels,
+    constant_torques_text,
+    tool_extent_text,
+    tool_text,
+)
 
 ADVICE = (
     "`truewrench diagnose` with the same recordings tests every effect that could explain it; by hand, in Python,"
     " tw.study(...).suspects() does."
 )
 """After where a model fails: what to do about it."""
+MOMENT_UNITS = ("kg m", "kg m²")
+"""Units of first moments and inertia, which torques alone, or mostly, tell."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,15 +157,22 @@ class FitSummary:
     def _parameter_rows(self) -> Iterator[tuple[str, ...]]:
         intervals = self.intervals
         ends = zip(intervals.low, intervals.high, intervals.freedom, strict=True)
+        constant, unmeasured = constant_channels(self.fit), constant_torques_text(self.fit)
         for estimate, (low, high, freedom) in zip(self.fit.parameters.values(), ends, strict=True):
             row = (estimate.name, self._estimate(estimate))
             if self.unknown_tool:
                 yield (*row, NOT_KNOWN, "")
-            elif estimate.std == 0 or not isfinite(low) or estimate.name in self.fit.held:
+            elif (
+                estimate.name.removeprefix("bias_") in constant
+                or (unmeasured and estimate.unit in MOMENT_UNITS)
+                or estimate.std == 0
+                or not isfinite(low)
+                or estimate.name in self.fit.held
+            ):
                 yield (*row, "", "")
             else:
                 count = f"{freedom:.3g}" if freedom < MAX_DEGREES_OF_FREEDOM else "many"
-                yield (*row, interval_text(low, high, estimate.std), count)
+                yield (*row, interval_text(low, high, estimate.shown_std), count)
 
     def _estimate(self, estimate: Estimate) -> str:
         """Value and std; of one that a bound holds, or of a tool that is not known, the value alone."""
@@ -165,7 +181,11 @@ class FitSummary:
             return f"{estimate.value:.6g}{unit}, {HELD}"
         if self.unknown_tool:
             return f"{estimate.value:.2g}{unit}"
-        return estimate_text(estimate.value, estimate.std, estimate.unit)
+        if (channel := estimate.name.removeprefix("bias_")) in constant_channels(self.fit):
+            return f"{estimate.value:.6g}{unit}, {channel} never changes"
+        if estimate.unit in MOMENT_UNITS and (unmeasured := constant_torques_text(self.fit)):
+            return unmeasured
+        return estimate_text(estimate.value, estimate.shown_std, estimate.unit)
 
     def _effect_sizes(self) -> Iterator[str]:
         """How large each effect of the model is in these recordings."""
@@ -184,7 +204,8 @@ class FitSummary:
 
     def _poses(self) -> Iterator[str]:
         if any(r.at_rest for r in self.fit.recordings):
-            yield str(CentreOfMass.of(self.fit))
+            if not constant_torques_text(self.fit):
+                yield str(CentreOfMass.of(self.fit))
             yield str(PoseAdvice.of(self.fit))
 
     # ------------------------------------------------------------------------------------------- data

@@ -195,15 +195,16 @@ def _with_headers(handler: type[RequestHandler]) -> type[RequestHandler]:
     return type(handler.__name__, (handler,), {"set_default_headers": set_default_headers})
 
 
-@dataclass(frozen=True)
 class TokenHidden(Filter):
     """Filter of a log whose lines name addresses: without the token, which opens the pages to whoever reads it."""
 
-    token: str
+    def __init__(self, token: str) -> None:
+        super().__init__()
+        self._token = token
 
     def filter(self, record: LogRecord) -> bool:
         """Replace the token in the message."""
-        record.msg, record.args = record.getMessage().replace(self.token, "TOKEN"), ()
+        record.msg, record.args = record.getMessage().replace(self._token, "TOKEN"), ()
         return True
 
 
@@ -238,7 +239,7 @@ class WorkbenchApplication(BokehTornado):
         self, request: HTTPServerRequest, target_class: type[RequestHandler], *values: Any, **more: Any
     ) -> Any:
         """Of any handler, Bokeh's too, with our headers."""
-        return super().get_handler_delegate(request, _with_headers(target_class), *values, **more)
+        return super().get_handler_delegate(request, _with_headers(target_class), *values, **more)  # type: ignore[arg-type]
 
 
 class WorkbenchServer:

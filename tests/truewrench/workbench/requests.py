@@ -11,16 +11,14 @@ from truewrench.files.demonstration import rig_text
 from truewrench.simulated_rig import PlanarRig, ViscousDrag, simulate, write_recording
 
 
-def answer(
-    address: str, path: str = "", method: str = "GET", body: bytes | None = None, **headers: str
-) -> tuple[int, str]:
+def answer(address: str, path: str = "", method: str = "GET", body: str = "", **headers: str) -> tuple[int, str]:
     """Status and text of a request to a path below the address, its headers with `_` for `-`."""
     response, text = answered(address, path, method, body, **headers)
     return response.status, text
 
 
 def answered(
-    address: str, path: str = "", method: str = "GET", body: bytes | None = None, **headers: str
+    address: str, path: str = "", method: str = "GET", body: str = "", **headers: str
 ) -> tuple[HTTPResponse, str]:
     """The response, with its headers, and its text."""
     parts = urlsplit(address)
@@ -28,7 +26,7 @@ def answered(
     connection.putrequest(method, parts.path + path if not path.startswith("/") else path, skip_host="Host" in headers)
     for name, value in headers.items():
         connection.putheader(name.replace("_", "-"), value)
-    connection.endheaders(body)
+    connection.endheaders(body.encode("latin-1"))
     response = connection.getresponse()
     text = response.read().decode(errors="replace")
     connection.close()

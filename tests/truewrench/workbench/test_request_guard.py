@@ -96,8 +96,8 @@ def test_a_refused_upload_leaves_no_file(address: str) -> None:
     page = re.search(r'data-page="([^"]+)"', answer(address)[1])
     assert page is not None
     name, broken = f"{page[1]}.csv.gz", gzip.compress(bytes(2000))[:-8]
-    headers = {"X_Page": page[1], "X_Name": name}
-    status, text = answer(address, "upload", "POST", broken, Content_Length=str(len(broken)), **headers)
+    headers = {"X_Page": page[1], "X_Name": name, "Content_Length": str(len(broken))}
+    status, text = answer(address, "upload", "POST", broken.decode("latin-1"), **headers)
     assert (status, "broken" in text) == (413, True)
     parts = urlsplit(address)
     with socket.create_connection((str(parts.hostname), int(parts.port or 0))) as line:
