@@ -108,8 +108,10 @@ def tool_text(fitted: Fit, *, misfitting: bool, unknown: str = "") -> str:
         return ""
     if unknown:
         return unknown_tool_sentences(unknown)[0]
+    constant = [f"{c} never changes" for c in constant_channels(fitted) if c in FORCES]
     if abs(mass.value) < SIGNIFICANT * mass.std:
         weight, why = ("not known", TOO_STILL) if _may_be_heavy(fitted) else ("none", WEIGHTLESS)
+        weight, why = ("not known", f"{'; '.join(constant)}.") if constant else (weight, why)
         return f"Tool: {weight}, m {estimate_text(mass.value, mass.std, mass.unit)}: {why}"
     centre = CentreOfMass.of(fitted)
     parts = [
@@ -119,8 +121,7 @@ def tool_text(fitted: Fit, *, misfitting: bool, unknown: str = "") -> str:
     ]
     where = f"; centre of mass {', '.join(parts)} from the sensor's origin, in its axes" if parts else ""
     where = f"; centre of mass {unmeasured}" if (unmeasured := constant_torques_text(fitted)) else where
-    doubts = [f"{c} never changes" for c in constant_channels(fitted) if c in FORCES]
-    doubts += [*([NOT_CONVERGED] if not fitted.converged else []), *([BIASED] if misfitting else [])]
+    doubts = [*constant, *([NOT_CONVERGED] if not fitted.converged else []), *([BIASED] if misfitting else [])]
     doubt = f" ({'; '.join(doubts)})" if doubts else ""
     return f"Tool: m {estimate_text(mass.value, mass.std, mass.unit)}{where}{doubt}."
 
