@@ -218,7 +218,7 @@ class Study(Tabular):
         comparisons = (*step.training, *step.validation)
         number = _number(recording, [c.recording.name for c in comparisons], "recording")
         comparison = comparisons[number]
-        maps = sorted(residual_maps(comparison, self.tolerance), key=lambda m: -m.explained)
+        maps = residual_maps(comparison, self.tolerance)
         fitted = number < len(step.training)
         return Location(comparison, describe_residual(comparison, self.tolerance, fitted=fitted), tuple(maps))
 
