@@ -226,23 +226,9 @@ class Table(Presented):
 
     @property
     def filled(self) -> Table:
-        """The table without the columns in which every entry is an empty text."""
-        return self._of_columns([i for i in self._places if not self.rows or any(row[i] != "" for row in self.rows)])
-
-    def without_unknown(self, *names: str) -> Table:
-        """Without those columns of these names in which no row has a value."""
-        kept = [
-            i
-            for i in self._places
-            if self.columns[i].name not in names or any(row[i] not in (None, "") for row in self.rows)
-        ]
-        return self._of_columns(kept)
-
-    @property
-    def _places(self) -> range:
-        return range(len(self.columns))
-
-    def _of_columns(self, kept: Sequence[int]) -> Table:
+        """The table without the columns in which no row has a value: every entry is None or an empty text."""
+        places = range(len(self.columns))
+        kept = [i for i in places if not self.rows or any(row[i] not in (None, "") for row in self.rows)]
         return Table(tuple(self.columns[i] for i in kept), tuple(tuple(row[i] for i in kept) for row in self.rows))
 
     def __str__(self) -> str:

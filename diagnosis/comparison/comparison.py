@@ -350,8 +350,8 @@ class Comparison(Tabular):
         return Table.of(("channel", "unit", *numbers), rows)
 
     def printed(self) -> list[Table | str]:
-        """The table, without the systematic RMS of a single run, then the remarks."""
-        return [self.table.without_unknown("systematic rms"), *self.remarks()]
+        """The table, then the remarks."""
+        return [self.table, *self.remarks()]
 
     def remarks(self) -> list[str]:
         """Reduced chi-square and lack of fit; where the noise is taken from the residual, that it is."""

@@ -187,7 +187,7 @@ def test_every_public_name_is_there() -> None:
         truewrench.nothing  # type: ignore[attr-defined]  # noqa: B018
 
 
-def test_a_column_that_nothing_is_known_of_is_left_out_where_asked() -> None:
-    table = Table.of(("a", "b", "c"), [("x", None, None), ("y", "", 1.0)])
-    assert [c.name for c in table.without_unknown("b", "c").columns] == ["a", "c"]
-    assert [c.name for c in table.without_unknown("a").columns] == ["a", "b", "c"]
+def test_a_column_that_nothing_is_known_of_is_left_out() -> None:
+    table = Table.of(("a", "b", "c", "d"), [("x", None, None, ""), ("y", "", 1.0, Cell(None, "fixed"))])
+    assert [c.name for c in table.filled.columns] == ["a", "c", "d"]
+    assert [c.name for c in Table.of(("a", "b"), []).filled.columns] == ["a", "b"]

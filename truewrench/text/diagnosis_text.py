@@ -272,7 +272,7 @@ def error_reduction_text(diagnosis: Diagnosis) -> str:
     steps = diagnosis.steps
     repeating = all(c.explainable_rms is not None for s in steps for c in (*s.training, *s.validation))
     kind = "systematic RMS, repeats with the motion" if repeating else "RMS; `~`: total, no repeats"
-    table = error_table(steps, step_names(diagnosis), diagnosis.tolerance).without_unknown("reduced chi-square")
+    table = error_table(steps, step_names(diagnosis), diagnosis.tolerance)
     return f"Error of each channel ({kind}):\n{table}"
 
 
