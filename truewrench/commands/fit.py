@@ -54,7 +54,7 @@ def run(arguments: argparse.Namespace) -> None:
         lambda: summary.to_data(case),
         lambda: summary.text(case, runs=arguments.runs, verbose=arguments.verbose),
         lambda: [] if arguments.report is None else write_report(arguments, summary, case),
-        [c.recording.name for c in summary.misfitting],
+        summary.misfitting,
         summary.unknown_tool,
     )
 

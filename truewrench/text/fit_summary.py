@@ -8,7 +8,7 @@ from functools import cached_property
 from math import isfinite
 from typing import Any
 
-from diagnosis.comparison.compared_step import held_out_misfitting, misfitting
+from diagnosis.comparison.compared_step import misfitting_names
 from diagnosis.comparison.comparison import Comparison, comparisons_of
 from diagnosis.comparison.slow_residual import SlowResidual, slow_residuals
 from diagnosis.verdict.aliasing import channel_tolerance
@@ -81,16 +81,17 @@ class FitSummary:
 
     def _failures(self) -> Iterator[str]:
         """Where the model fails, of each recording with a significant lack of fit, and what searches for the cause."""
-        failing = [c for c in self.misfitting if c.lack_of_fit < LEVELS.effect]
+        failing = [c for c in self.comparisons if c.lack_of_fit < LEVELS.effect]
+        failing += [c for c in self.validation if c.lack_of_fit < LEVELS.held_out]
         if failing:
             tolerance, _ = channel_tolerance(self.fit)
             lines = [f"  {c.recording.name}: {_failure(c, tolerance)}" for c in failing]
             yield "\n".join(["Where the model fails:", *lines, f"  {ADVICE}"])
 
     @property
-    def misfitting(self) -> list[Comparison]:
-        """Recordings that the model does not fit, fitted or held out."""
-        return [*misfitting(self.comparisons, self.fit.model), *held_out_misfitting(self.validation)]
+    def misfitting(self) -> tuple[str, ...]:
+        """Names of the recordings that the model does not fit, the held-out ones named as such."""
+        return misfitting_names(self.comparisons, self.validation, self.fit.model)
 
     @cached_property
     def rows_left_out(self) -> tuple[RowsLeftOut, ...]:
@@ -115,7 +116,7 @@ class FitSummary:
     def _agreement(self) -> str:
         """Whether the residual is that of a model that fits."""
         if self.misfitting:
-            said = agreement_text([c.recording.name for c in self.misfitting])
+            said = agreement_text(self.misfitting)
             return (
                 f"{said} Stds and intervals hold for noise alone, and are too small here; `truewrench diagnose` or"
                 " `tw.diagnose` searches for what is missing."

@@ -219,6 +219,7 @@ def test_fit_says_first_whether_the_model_fits(bench: Bench) -> None:
     assert "lagging.csv (held out, its biases estimated there):" in held_out
     data = json.loads(bench.fit("--validate", other, "--json")[1])
     assert not data["fits"]
+    assert data["misfitting"] == ["lagging.csv (held out)"]  # as of a diagnosis
     assert [r["name"] for r in data["validation"]] == ["lagging.csv"]
     fixed = json.loads(bench.fit("--add", "sensor_lag", "--json", recording=other)[1])
     assert fixed["fits"]
