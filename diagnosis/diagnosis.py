@@ -47,6 +47,7 @@ from estimation.recordings.recording import Recording, require_different_reading
 from modeling.chain.effect import Effect, effects_of
 from modeling.chain.model import WrenchModel, require_model
 from modeling.effects import catalogue
+from modeling.effects.geometry import GravityTilt
 from modeling.number_format import P_VALUE, SHARE, finite
 from modeling.significance import LEVELS
 from modeling.table import Column, Table, Tabular
@@ -160,6 +161,7 @@ class Diagnosis(Tabular):
     unexplained   the unexplained residual and where it is significant, None when the recordings are explained
     calibration   of one of the training recordings, None unless it was given (`calibrated`)
     gravity       gravity's direction in base axes where the data decided it, None where it is stated or points down
+    tilt_fitted   whether the model has `gravity_tilt` for that direction alone, and was not given with it
     given_alternatives  other effects that fit as well, or better, in the place of a given one
     rows_left_out  rows outside the whole repeats that were cut from logs, which the verdict is about only as a whole
     reading       another reading of the recordings that is shown: adopted, or proposed and then no effect is looked for
@@ -178,6 +180,7 @@ class Diagnosis(Tabular):
     given_alternatives: tuple[GivenAlternative, ...] = ()
     rows_left_out: tuple[RowsLeftOut, ...] = ()
     reading: DoubtedReading | None = None
+    tilt_fitted: bool = False
 
     @property
     def fit(self) -> Fit:
@@ -187,7 +190,8 @@ class Diagnosis(Tabular):
     @property
     def given(self) -> tuple[str, ...]:
         """Ids of the effects of the model given, which were not judged."""
-        return tuple(e.id for e in self.steps[0].fit.model.effects)
+        fitted = GravityTilt.id if self.tilt_fitted else None
+        return tuple(e.id for e in self.steps[0].fit.model.effects if e.id != fitted)
 
     @property
     def added(self) -> tuple[str, ...]:
@@ -483,7 +487,7 @@ def _diagnosed(
         final.fit.model, verdict, steps, findings, zero_shift_of_held_out, disturbances, outcome.tolerance, unexplained,
         gravity=case.with_fitted_gravity(final.fit.model, outcome.fit.values).gravity,
         given_alternatives=alternatives, rows_left_out=outcome.rows_left_out,
-        reading=case.reading,
+        reading=case.reading, tilt_fitted=case.tilt_fitted,
     )  # fmt: skip
 
 

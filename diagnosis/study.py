@@ -137,6 +137,8 @@ class Study(Tabular):
         Called with one line of text at each stage; by default silent.
     reading : DoubtedReading, optional
         Another reading of the recordings that is shown; by default none.
+    tilt_fitted : bool, optional
+        Whether the model has `gravity_tilt` for the direction of gravity alone; by default not.
 
     Notes
     -----
@@ -161,8 +163,10 @@ class Study(Tabular):
         candidates: Sequence[Effect],
         progress: Progress = silent,
         reading: DoubtedReading | None = None,
+        tilt_fitted: bool = False,
     ) -> None:
         self._held_out, self._progress, self.reading = tuple(held_out), progress, reading
+        self._tilt_fitted = tilt_fitted
         self._candidates = {effect.id: effect for effect in candidates}
         self._cache = ScreeningCache()
         first = self._step(START, fitted)
@@ -214,7 +218,7 @@ class Study(Tabular):
         comparisons = (*step.training, *step.validation)
         number = _number(recording, [c.recording.name for c in comparisons], "recording")
         comparison = comparisons[number]
-        maps = sorted(residual_maps(comparison, self.tolerance), key=lambda m: -m.explained)
+        maps = residual_maps(comparison, self.tolerance)
         fitted = number < len(step.training)
         return Location(comparison, describe_residual(comparison, self.tolerance, fitted=fitted), tuple(maps))
 
@@ -296,7 +300,8 @@ class Study(Tabular):
 
         What the model has is given and stays. `workers` is without effect, as in `diagnose`.
         """
-        case = Case(self.model, self.fit.recordings, tuple(h.recording for h in self._held_out), reading=self.reading)
+        held_out = tuple(h.recording for h in self._held_out)
+        case = Case(self.model, self.fit.recordings, held_out, reading=self.reading, tilt_fitted=self._tilt_fitted)
         diagnosis = diagnose_case(case, effects=tuple(self._candidates.values()), progress=self._progress)
         for step in diagnosis.steps[1:]:
             self.steps = (*self.steps, StudyStep(f"+ {step.effect}", step.fit, step.training, step.validation))
@@ -434,7 +439,7 @@ def study_case(case: Case, *, effects: Sequence[Effect] | None = None, progress:
     fitted = fit_case(case, start=model_initial_values(case) if case.model.effects else None)
     held_out = [HeldOut(r, n) for r, n in zip(case.held_out, case.held_out_noise, strict=True)]
     candidates = catalogue(fitted.model.space) if effects is None else effects
-    return Study(fitted, held_out, candidates, progress, case.reading)
+    return Study(fitted, held_out, candidates, progress, case.reading, case.tilt_fitted)
 
 
 def _require_order(model: object, recordings: object) -> None:

@@ -52,6 +52,7 @@ class Case:
     gravity     direction of gravity in base axes where the data decided it; None where it is stated, or points down
     doubted     another direction than down that the data suggest, and that is not applied; None where they do not
     reading     another reading of the axes that is shown, adopted or proposed; None where the recordings fit as read
+    tilt_fitted  whether the model has `gravity_tilt` for the direction of gravity alone, as it was not given with it
     """
 
     model: WrenchModel
@@ -61,6 +62,7 @@ class Case:
     gravity: GravityEstimate | None = None
     doubted: GravityEstimate | None = None
     reading: DoubtedReading | None = None
+    tilt_fitted: bool = False
 
     @classmethod
     def of(
@@ -149,15 +151,15 @@ class Case:
                 several, gravity=model.gravity, convention=model.convention, mirror_y=model.mirror_y
             )
             gravity, doubted = (None, shown) if shown is not None and shown.cable is not None else (shown, None)
-        if gravity is not None:
-            direction = gravity.direction
-            model = _with_tilt(_on_base(model, direction)) if not gravity.along_axis else _on_base(model, direction)
-        elif direction is not None:
-            model = _on_base(model, direction)
+        direction = direction if gravity is None else gravity.direction
+        model = model if direction is None else _on_base(model, direction)
+        tilted = any(effect.id == GravityTilt.id for effect in model.effects)
+        tilt_fitted = gravity is not None and not gravity.along_axis and not tilted
+        model = model + GravityTilt() if tilt_fitted else model
         mounted = tuple(_recording_on_base(recording, direction) for recording in several)
         model, sign = with_convention(model, mounted)
         read = tuple(_with_decided_motion(recording, model) for recording in mounted)
-        return cls(model, read[:count], read[count:], sign, gravity, doubted)
+        return cls(model, read[:count], read[count:], sign, gravity, doubted, tilt_fitted=tilt_fitted)
 
     @property
     def misread(self) -> bool:
@@ -228,10 +230,6 @@ def _on_base(model: WrenchModel, direction: Direction) -> WrenchModel:
         return model
     arm = None if model.arm is None else model.arm.mounted(direction)
     return replace(model, gravity_direction=direction, arm=None).with_arm(arm)
-
-
-def _with_tilt(model: WrenchModel) -> WrenchModel:
-    return model if any(effect.id == GravityTilt.id for effect in model.effects) else model + GravityTilt()
 
 
 def _recording_on_base(recording: Recording, direction: Direction | None) -> Recording:

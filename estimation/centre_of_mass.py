@@ -16,8 +16,9 @@ from modeling.chain.model import WrenchModel
 from modeling.compiled.cache import source_digest
 from modeling.compiled.tape import Tape
 from modeling.compiled.tape_evaluation import TapeEvaluation
+from modeling.number_format import NOT_IDENTIFIABLE
 from modeling.space import Space
-from modeling.table import NOT_IDENTIFIABLE, Column, Table, Tabular
+from modeling.table import Column, Table, Tabular
 
 Array = NDArray[np.float64]
 

@@ -17,8 +17,9 @@ from estimation.noise.power_spectrum import MIN_ORDINATES, PowerSpectrum, smooth
 from estimation.noise.recording_noise import RecordingNoise
 from estimation.recordings.recording import Recording
 from modeling.noise import NoiseSource
+from modeling.number_format import digits_of
 from modeling.significance import LEVELS
-from modeling.table import Column, Table, Tabular
+from modeling.table import Cell, Column, Table, Tabular
 
 Array = NDArray[np.float64]
 
@@ -72,7 +73,10 @@ class Intervals(Tabular):
         ends = (Column(end, format=".6g") for end in (f"{100 * self.level:g} % from", "to"))
         numbers = np.column_stack([self.fit.theta, self.std, self.freedom, self.low, self.high])
         numbers[~(self.fit.identifiable | self._fixed)] = np.nan
-        rows = [(p.name, *row, p.unit) for p, row in zip(self.fit.unknowns, numbers.tolist(), strict=True)]
+        rows = []
+        for parameter, (v, s, f, low, high) in zip(self.fit.unknowns, numbers.tolist(), strict=True):
+            shown, first, last = (Cell(number, format=digits_of(number, s)) for number in (v, low, high))
+            rows.append((parameter.name, shown, s, f, first, last, parameter.unit))
         return Table.of((name, value, std, Column("freedom", format=".3g"), *ends, unit), rows)
 
 

@@ -15,7 +15,7 @@ from estimation.least_squares.estimates import Estimates, require_positive_mass,
 from estimation.least_squares.problem import LinearisedRows, Problem, Solution
 from estimation.least_squares.square_root_information import SquareRootInformation
 from estimation.model_response import ModelResponse, model_response, predicted_readings
-from estimation.noise.recording_noise import RecordingNoise
+from estimation.noise.recording_noise import RecordingNoise, sample_step
 from estimation.parameter_layout import ParameterLayout, parameter_layout, require_known_start
 from estimation.recordings.recording import Recording
 from modeling.chain.effect import Effect
@@ -56,6 +56,11 @@ class Fit(Solution, Estimates):
 
     constrained: ConstrainedMinimum | None = None
     ordinary: Solution | None = None
+
+    @property
+    def onset_resolution(self) -> float:  # type: ignore[override]
+        """Sampling step, s, the largest of the recordings'."""
+        return max(sample_step(recording) for recording in self.recordings)
 
     @property
     def held(self) -> tuple[str, ...]:

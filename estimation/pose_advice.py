@@ -14,7 +14,8 @@ from estimation.fit import Fit
 from modeling.chain.prediction import compiled_prediction
 from modeling.errors import InputError
 from modeling.identifiability import ScaledSVD
-from modeling.table import NOT_IDENTIFIABLE, Column, Table, Tabular
+from modeling.number_format import NOT_IDENTIFIABLE
+from modeling.table import Column, Table, Tabular
 
 Array = NDArray[np.float64]
 

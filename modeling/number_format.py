@@ -18,6 +18,8 @@ _POWER = re.compile(r"(?<![\w.])(\d+(?:\.\d+)?)e([+-]\d+)(?!\w)")
 _UNIT_PRODUCT = re.compile(r"(?<=\bN) (?=[ms](?![a-z]))|(?<=\bN²) (?=m)|(?<=\bkg) (?=m(?![a-z]))")
 _MINUS = re.compile(r"(?<![\w.)\]-])-(?=\d)")
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+NOT_IDENTIFIABLE = "not identifiable"
+"""Printed for an unidentifiable parameter, whose standard deviation is infinite and whose value means nothing."""
 NO_VALUE = "–"
 """Printed where there is no number."""
 
@@ -92,7 +94,7 @@ def format_with_std(value: float, std: float) -> str:
     if not isfinite(value):
         return NO_VALUE
     if not isfinite(std):
-        return f"{format_number(value)} (not identifiable)"
+        return NOT_IDENTIFIABLE
     if std <= 0:
         return format_number(value, 4)
     size = floor(log10(max(abs(value), std)))
@@ -158,14 +160,17 @@ def estimate_text(value: float, std: float, unit: str) -> str:
     return f"{format_with_std(value, std)}{unit}".replace("−", "-")
 
 
+def digits_of(value: float, std: float) -> str:
+    """Format of a value to two digits of the standard deviation of its estimate; to six where it has none."""
+    if not (isfinite(value) and isfinite(std) and std > 0):
+        return ".6g"
+    digits = 2 if value == 0 else 2 + floor(log10(abs(value))) - floor(log10(std))
+    return f".{max(digits, 1)}g"
+
+
 def interval_text(low: float, high: float, std: float) -> str:
     """An interval as plain text, to two digits of the standard deviation of its estimate."""
-
-    def end(value: float) -> str:
-        digits = 2 if value == 0 else 2 + floor(log10(abs(value))) - floor(log10(std))
-        return f"{value:.{max(digits, 1)}g}"
-
-    return f"{end(low)} to {end(high)}"
+    return f"{low:{digits_of(low, std)}} to {high:{digits_of(high, std)}}"
 
 
 @dataclass(frozen=True)

@@ -115,8 +115,6 @@ class Presented:
 
 MOST_LINES = 38
 """Of the `repr` of a result; `print` shows all."""
-NOT_IDENTIFIABLE = "not identifiable"
-"""Printed for the standard deviation of an unidentifiable parameter, which is infinite."""
 CELL_STYLE = "padding: 3px 14px 3px 0; vertical-align: top"
 """Of a cell, where no page has a style sheet."""
 NOTE_STYLE = ' style="display: block"'
@@ -127,13 +125,15 @@ NOTE_STYLE = ' style="display: block"'
 class Cell:
     """A value with a mark before it (`<`, `~`), and what HTML alone shows: its kind (CSS class), a note below it.
 
-    The mark of no value stands alone, a word that says why there is none: `fixed`.
+    The mark of no value stands alone, a word that says why there is none: `fixed`. A `format` is that of this number,
+    by default the column's.
     """
 
     value: float | str | None
     mark: str = ""
     kind: str = ""
     note: str = ""
+    format: str = ""
 
 
 Value: TypeAlias = float | str | Cell | None
@@ -189,7 +189,8 @@ class Column:
             return mark + content
         if content is None and mark:
             return mark
-        return unknown if content is None or not isfinite(content) else mark + number(content, self.format)
+        form = (value.format if isinstance(value, Cell) else "") or self.format
+        return unknown if content is None or not isfinite(content) else mark + number(content, form)
 
     @property
     def typeset_heading(self) -> str:
@@ -225,23 +226,9 @@ class Table(Presented):
 
     @property
     def filled(self) -> Table:
-        """The table without the columns in which every entry is an empty text."""
-        return self._of_columns([i for i in self._places if not self.rows or any(row[i] != "" for row in self.rows)])
-
-    def without_unknown(self, *names: str) -> Table:
-        """Without those columns of these names in which no row has a value."""
-        kept = [
-            i
-            for i in self._places
-            if self.columns[i].name not in names or any(row[i] not in (None, "") for row in self.rows)
-        ]
-        return self._of_columns(kept)
-
-    @property
-    def _places(self) -> range:
-        return range(len(self.columns))
-
-    def _of_columns(self, kept: Sequence[int]) -> Table:
+        """The table without the columns in which no row has a value: every entry is None or an empty text."""
+        places = range(len(self.columns))
+        kept = [i for i in places if not self.rows or any(row[i] not in (None, "") for row in self.rows)]
         return Table(tuple(self.columns[i] for i in kept), tuple(tuple(row[i] for i in kept) for row in self.rows))
 
     def __str__(self) -> str:

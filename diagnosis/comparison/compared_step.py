@@ -106,9 +106,7 @@ class ComparedFit(Tabular):
     @property
     def misfitting(self) -> tuple[str, ...]:
         """The recordings that the model does not fit, the held-out ones named as such."""
-        fitted = [c.recording.name for c in misfitting(self.training, self.fit.model)]
-        held_out = [c.recording.name for c in held_out_misfitting(self.validation)]
-        return (*fitted, *(f"{name} (held out)" for name in held_out))
+        return misfitting_names(self.training, self.validation, self.fit.model)
 
     def __repr__(self) -> str:
         held_out = [f"held out {c.recording.name}: {c.remarks()[0]}" for c in self.validation]
@@ -129,14 +127,19 @@ class ComparedFit(Tabular):
         return [self.label, self.table]
 
 
-def misfitting(training: Sequence[Comparison], model: WrenchModel) -> list[Comparison]:
-    """Fitted recordings with a significant lack of fit, a slow residual above the noise, or motion not recorded."""
+def misfitting_names(
+    training: Sequence[Comparison], validation: Sequence[Comparison], model: WrenchModel
+) -> tuple[str, ...]:
+    """Names of the recordings that a model does not fit, the held-out ones named as such.
+
+    A fitted one has a significant lack of fit, a slow residual above the noise, or a motion that was not recorded; a
+    held-out one a significant lack of fit.
+    """
     slow = {s.recording for s in slow_residuals(training) if s.above_noise}
-    return [
-        c for c in training if c.lack_of_fit < LEVELS.effect or c.recording.name in slow or lacks_acceleration(c, model)
-    ]
-
-
-def held_out_misfitting(validation: Sequence[Comparison]) -> list[Comparison]:
-    """Held-out recordings with a significant lack of fit."""
-    return [c for c in validation if c.lack_of_fit < LEVELS.held_out]
+    fitted = (
+        c.recording.name
+        for c in training
+        if c.lack_of_fit < LEVELS.effect or c.recording.name in slow or lacks_acceleration(c, model)
+    )
+    held_out = (c.recording.name for c in validation if c.lack_of_fit < LEVELS.held_out)
+    return (*fitted, *(f"{name} (held out)" for name in held_out))

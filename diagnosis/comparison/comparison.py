@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from diagnosis.comparison.validation import StandardisedResidual, ValidationFit
 from estimation.fit import Fit
 from estimation.fit_column_space import fit_column_space, rows_of_recordings, run_spectrum
-from estimation.multiplicity import bonferroni_p_value, chi2_sf, chi_square_p_value
+from estimation.multiplicity import bonferroni_p_value, chi2_sf, chi_square_p_value, normal_isf
 from estimation.noise.power_spectrum import power_levels
 from estimation.noise.recording_noise import RecordingNoise, sample_step
 from estimation.noise.whitening import AutoregressiveWhitener, FourierLineWhitener
@@ -45,6 +45,11 @@ LEAST_FREEDOM = 0.5
 """Degrees of freedom that a band keeps beside the fit, below which it tests nothing."""
 NEGLIGIBLE_SHARE = 0.1
 """Of the noise floor: an error that nobody looks for where a rig states no tolerance."""
+OUTLYING = 6.0
+"""Robust std from the other repeats: of normal noise one sample in five hundred million is farther."""
+RAISED = 2.0
+"""Noise floor over robust std from which outliers make the noise: 1 of normal noise of any colour, 1.4 of Laplace's,
+1.5 of Student's with three degrees of freedom."""
 
 
 def generic_terms(recording: Recording, load: Array) -> dict[str, Array]:
@@ -291,6 +296,11 @@ class Comparison(Tabular):
         return p_value_text(self.lack_of_fit)
 
     @property
+    def outlier_notes(self) -> list[str]:
+        """One line for each channel whose noise floor, measured from repeats, is that of a few outliers."""
+        return [] if self.noise.source is not NoiseSource.REPEATS else _outlier_notes(self)
+
+    @property
     def reduced_chi_square(self) -> float | None:
         """The same as `misfit`, the name that it has in result.json."""
         return self.misfit
@@ -340,8 +350,8 @@ class Comparison(Tabular):
         return Table.of(("channel", "unit", *numbers), rows)
 
     def printed(self) -> list[Table | str]:
-        """The table, without the systematic RMS of a single run, then the remarks."""
-        return [self.table.without_unknown("systematic rms"), *self.remarks()]
+        """The table, then the remarks."""
+        return [self.table, *self.remarks()]
 
     def remarks(self) -> list[str]:
         """Reduced chi-square and lack of fit; where the noise is taken from the residual, that it is."""
@@ -350,6 +360,25 @@ class Comparison(Tabular):
             return [f"{taken}; lack of fit {self.lack_of_fit_text}"]
         misfit = "-" if self.misfit is None else f"{self.misfit:.4g}"
         return [f"reduced chi-square {misfit}, lack of fit {self.lack_of_fit_text}"]
+
+
+def _outlier_notes(comparison: Comparison) -> list[str]:
+    recording = comparison.recording
+    blocks = comparison.residual.reshape(recording.repeats, recording.samples_per_repeat, -1)
+    deviation = np.abs(blocks - np.median(blocks, axis=0))
+    random = np.abs(blocks - blocks.mean(axis=0)) * np.sqrt(recording.repeats / (recording.repeats - 1))
+    robust = np.median(random, axis=(0, 1)) / normal_isf(0.25)
+    notes = []
+    for number, (channel, unit) in enumerate(comparison.space.channel_units.items()):
+        floor, scale = comparison.noise_floor[channel], float(robust[number])
+        count = int((deviation[:, :, number] > OUTLYING * scale).sum())
+        if count and scale > 0 and floor > RAISED * scale:
+            notes.append(
+                f"{recording.name}: {count} of {recording.samples} samples of {channel} are outliers, more than"
+                f" {OUTLYING:g} robust std from the other repeats, and raise its noise floor from {scale:.2g} to"
+                f" {floor:.2g} {unit}: `truewrench fit --robust` or `tw.robust_fit` limits their influence."
+            )
+    return notes
 
 
 def comparison_of(fit: Fit, number: int) -> Comparison:

@@ -20,6 +20,9 @@ CELLS = 16
 """Of the range of a variable: enough to show a place, few enough to be visited in several repeats."""
 OUTERMOST = 0.01
 """Of the samples at either end of a variable's range, which are in the first or the last cell: they are too few."""
+AUXILIARY = 0.9
+"""Factor on what an auxiliary column explains: one that repeats the motion, such as a logged velocity, explains as much
+as the motion to a few hundredths, more or less by chance, and is no name for it."""
 MIN_RANGE = 1e-3
 """Range, in its own unit, below which a variable counts as constant."""
 MAX_BLOCKS = 8
@@ -97,6 +100,9 @@ def _length(components: Sequence[Array]) -> Array:
 def residual_maps(comparison: Comparison, tolerance: Mapping[str, float]) -> list[ResidualMap]:
     """Residual maps of every channel over every variable, by share of residual power explained, the largest first.
 
+    A column of the log that is no part of the motion comes before a variable of the motion only where it explains more
+    by a tenth (`AUXILIARY`).
+
     Variables with no cell visited in two repeats give no map.
     """
     recording, residual = comparison.recording, comparison.residual
@@ -112,7 +118,7 @@ def residual_maps(comparison: Comparison, tolerance: Mapping[str, float]) -> lis
                 maps.append(
                     _residual_map(statistics, names, tolerance[channel], float((residual[:, number] ** 2).sum()))
                 )
-    return sorted(maps, key=lambda m: -m.explained)
+    return sorted(maps, key=lambda m: -m.explained * (AUXILIARY if m.variable in recording.auxiliary else 1.0))
 
 
 def samples_of_cell(comparison: Comparison, variable: str, centre: float) -> NDArray[np.bool_]:

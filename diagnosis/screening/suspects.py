@@ -72,7 +72,7 @@ class Suspects(Tabular):
                 self.share(test),
                 self._parameters(test),
                 self._amounts(test),
-                self._detectable(test),
+                self.detectable_text(test),
                 test.reason,
             )
             for test in self.tests
@@ -140,9 +140,15 @@ class Suspects(Tabular):
             return ""
         return f"{_short_name(name)} > {_number(test.detectable[name], parameter.unit)}"
 
-    def _detectable(self, test: ScoreTest) -> str:
+    def detectable_text(self, test: ScoreTest) -> str:
+        """The smallest amounts, and the place, time or frequency at which they are: that of the largest score."""
         listed, parameters = list(test.detectable.items())[:MOST_AMOUNTS], self._qualified(test)
-        return ", ".join(f"{_short_name(name)} {_number(v, format_unit(parameters[name].unit))}" for name, v in listed)
+        searched = [(n, v) for n, v in test.start.items() if n in parameters and parameters[n].nuisance]
+        amounts, place = (
+            ", ".join(f"{_short_name(name)} {_number(v, format_unit(parameters[name].unit))}" for name, v in several)
+            for several in (listed, searched)
+        )
+        return f"{amounts} (at {place})" if amounts and place else amounts
 
     def _ranked(self, test: ScoreTest) -> list[tuple[str, tuple[float, float]]]:
         """The amplitudes, the most significant first."""

@@ -258,7 +258,7 @@ class GivenAlternative:
         """Both effects, and how their fits compare."""
         fits = "fits better" if self.gain > 0 else "fits nearly as well"
         size = f"chi-square {abs(self.gain):.2g} {'lower' if self.gain > 0 else 'higher'}, thresholds included"
-        return f"{self.effect.id} {fits} in the place of {self.given}, which was given ({size})"
+        return f"{self.effect.id} {fits} in the place of {self.given}, which the model began with ({size})"
 
     def to_data(self) -> dict[str, Any]:
         """The alternative in result.json."""

@@ -21,9 +21,10 @@ from modeling.identifiability import (
     least_certain_direction,
     unidentifiable_directions,
 )
-from modeling.parameter import Parameter
+from modeling.number_format import NOT_IDENTIFIABLE, digits_of
+from modeling.parameter import Parameter, Role
 from modeling.rig import Convention
-from modeling.table import NOT_IDENTIFIABLE, Cell, Column, Table, Tabular, Value
+from modeling.table import Cell, Column, Table, Tabular, Value
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -74,12 +75,21 @@ ILL_CONDITIONED = 1e3
 
 @dataclass(frozen=True)
 class Estimate:
-    """One estimated parameter: value and standard deviation in `unit`."""
+    """One estimated parameter: value and standard deviation in `unit`.
+
+    `resolution` is what its readings are apart, of an onset the sampling step: no finer is it printed.
+    """
 
     name: str
     value: float
     std: float
     unit: str
+    resolution: float = 0.0
+
+    @property
+    def shown_std(self) -> float:
+        """The std that it is printed with, not below the resolution; zero where it is fixed."""
+        return max(self.std, self.resolution) if self.std > 0 else self.std
 
     @property
     def known(self) -> float | None:
@@ -164,6 +174,8 @@ class Estimates(NamedEstimates, Tabular):
     covariance: Array
     identifiable: NDArray[np.bool_]
     converged: bool
+    onset_resolution: float = 0.0
+    """Of onsets, s: the sampling step, where it is one."""
 
     @cached_property
     @abstractmethod
@@ -181,7 +193,9 @@ class Estimates(NamedEstimates, Tabular):
         std = np.where(self.identifiable, np.sqrt(np.maximum(np.diag(self.covariance), 0.0)), np.inf)
         std[fixed_parameters(self.unknowns)] = 0.0
         return {
-            p.name: Estimate(p.name, float(value), float(s), p.unit)
+            p.name: Estimate(
+                p.name, float(value), float(s), p.unit, self.onset_resolution if p.role is Role.ONSET else 0.0
+            )
             for p, value, s in zip(self.unknowns, self.theta, std, strict=True)
         }
 
@@ -239,7 +253,10 @@ class Estimates(NamedEstimates, Tabular):
 
 def parameter_table(estimates: Mapping[str, Estimate], held: Collection[str] = ()) -> Table:
     """Name, value, std and unit by name; for the std of a fixed parameter, and one `held` at a bound, that it is."""
-    rows = [(e.name, e.known, _std_cell(e, held), e.unit) for e in estimates.values()]
+    rows = [
+        (e.name, Cell(e.known, format=digits_of(e.value, e.shown_std)), _std_cell(e, held), e.unit)
+        for e in estimates.values()
+    ]
     return Table.of(PARAMETER_COLUMNS, rows)
 
 

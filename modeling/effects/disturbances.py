@@ -218,7 +218,7 @@ class PayloadChange(PointEffect):
         return (
             Parameter(name="mass", unit="kg", meaning="mass picked up; negative: released"),
             *self.point_parameters(space),
-            Parameter(name="time", unit="s", meaning="when", role=Role.ONSET),
+            Parameter(name="time", unit="s", meaning="when, from the first row", role=Role.ONSET),
         )
 
     def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
@@ -268,7 +268,7 @@ class ContactEvent(Effect):
 
     def parameters(self, space: Space) -> tuple[Parameter, ...]:
         """start and end in s, then the wrench in N and N m."""
-        meanings = {"start": "when the contact begins", "end": "when it ends"}
+        meanings = {"start": "when the contact begins, from the first row", "end": "when it ends, from the first row"}
         times = tuple(Parameter(name=n, unit="s", meaning=words, role=Role.ONSET) for n, words in meanings.items())
         return times + tuple(
             Parameter(name=name, unit=unit, meaning=_component_in_words(name))

@@ -45,7 +45,7 @@ def test_a_wrong_effect_that_was_given_is_not_left_alone() -> None:
     (other,) = found.given_alternatives
     assert (other.given, other.effect.id) == ("sensor_lag", "time_delay")
     assert other.gain > 0
-    assert "in the place of sensor_lag, which was given" in diagnosis_text(found)
+    assert "in the place of sensor_lag, which the model began with" in diagnosis_text(found)
     assert found.to_data()["given_alternatives"] == [{"given": "sensor_lag", "id": "time_delay", "gain": other.gain}]
 
 

@@ -15,6 +15,7 @@ import pytest
 from diagnosis.diagnosis import Diagnosis, diagnose
 from diagnosis.verdict_rule import RecordVerdict
 from modeling.chain.model import planar, spatial
+from modeling.number_format import estimate_text
 from tests.shared.recordings import recording_of
 from tests.shared.rigs import RIG, described
 from truewrench import simulated_rig
@@ -37,6 +38,7 @@ from truewrench.simulated_rig import (
     ViscousDrag,
     simulate,
 )
+from truewrench.text.diagnosis_text import diagnosis_text
 
 pytest.importorskip("mujoco")
 
@@ -101,6 +103,16 @@ FOUND = {
 DAILY = ("viscous_drag", "sensor_lag", "contact_event")
 """Of three kinds: load, dynamics, transient; the others are in the long tier, as are those in six axes, of which daily
 tests of single runs are."""
+
+
+def test_an_onset_is_printed_no_finer_than_the_sampling_step() -> None:
+    found = diagnosed(FOUND["contact_event"])
+    start, step = found.fit.parameters["contact_event.start"], found.fit.recordings[0].dt
+    assert step is not None
+    assert start.std < step == start.resolution == start.shown_std
+    assert f" start = {estimate_text(start.value, step, 's')} " in diagnosis_text(found)
+    assert "when the contact begins, from the first row" in diagnosis_text(found)
+    assert found.to_data()["parameters"]["contact_event.start"]["std"] == start.std
 
 
 @pytest.mark.parametrize("case", [pytest.param(c, marks=[] if c in DAILY else pytest.mark.long) for c in FOUND])

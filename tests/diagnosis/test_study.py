@@ -133,6 +133,17 @@ def test_where_it_fails_is_told_until_it_does_not(begun: Study) -> None:
         begun.where(2)
 
 
+def test_a_variable_of_the_motion_is_named_before_a_column_that_repeats_it() -> None:
+    recording = drag_and_leak(1)
+    speed = recording.motion.model_signals["vx"]
+    noise = 0.005 * speed.std() * np.random.default_rng(0).normal(size=len(speed))
+    logged = recording.moved(columns={**recording.signals, "tcp_speed_0": speed + noise})
+    where = study(planar(RIG), logged).where()
+    places = [m.variable for m in where.maps if m.channel == "fx"]
+    assert "tcp_speed_0" in places
+    assert places.index("velocity x") < places.index("tcp_speed_0")
+
+
 def test_steps_are_compared(begun: Study) -> None:
     begun.add("viscous_drag")
     begun.add("com_offset")

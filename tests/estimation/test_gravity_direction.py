@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from diagnosis.diagnosis import diagnose
 from diagnosis.screening.score_test import model_initial_values
+from diagnosis.study import study
 from diagnosis.verdict_rule import RecordVerdict
 from estimation.candidate_poses import CandidatePoses
 from estimation.case import Case, prepared
@@ -42,6 +43,7 @@ from truewrench.files.case_files import frame_sentences, rigid_tool_case
 from truewrench.files.model_file import ModelFile
 from truewrench.simulated_rig import HIDDEN_EFFECTS, CableSpring, PlanarRig, SpatialRig, simulate, static_poses
 from truewrench.simulated_rig.mujoco_scene import Scene
+from truewrench.text.diagnosis_text import diagnosis_text
 
 pytest.importorskip("mujoco")
 
@@ -310,10 +312,20 @@ def test_poses_on_any_base_miss_nothing() -> None:
     assert found.verdict is RecordVerdict.NOTHING_MISSING
     assert found.gravity is not None
     assert found.gravity.sentence in "\n".join(map(str, found.remarks()))
-    assert found.given == ("gravity_tilt",)
+    assert (found.given, found.to_data()["given"]) == ((), [])
+    assert "the rigid tool + direction of gravity is" in diagnosis_text(found)
+    assert "Fitted with the direction of gravity, gravity_tilt:" in diagnosis_text(found)
 
 
 # ------------------------------------------------------------------------------ by the rig, and afterwards
+
+
+def test_a_tilt_is_given_only_where_a_user_gave_it() -> None:
+    recording = poses(random_direction(1))
+    few = [viscous_drag()]
+    assert diagnose(spatial(), recording, effects=few).given == ()
+    assert study(spatial(), recording, effects=few).diagnose().given == ()
+    assert diagnose(spatial() + gravity_tilt(), recording, effects=few).given == ("gravity_tilt",)
 
 
 def test_a_fit_keeps_it_for_other_recordings_and_in_its_file() -> None:

@@ -16,9 +16,9 @@ from estimation.fit import fit
 from estimation.repeat_table import RepeatTable
 from estimation.robust_fit import robust_fit
 from modeling.chain.model import planar
-from modeling.number_format import P_VALUE, estimate_text, interval_text, typeset_text
+from modeling.number_format import NOT_IDENTIFIABLE, P_VALUE, digits_of, estimate_text, interval_text, typeset_text
 from modeling.space import Space
-from modeling.table import NOT_IDENTIFIABLE, Cell, Column, Table, Tabular
+from modeling.table import Cell, Column, Table, Tabular
 from tests.shared.recordings import recorded
 
 COLUMNS = (
@@ -90,6 +90,13 @@ def test_html_says_the_same_typeset_and_escaped() -> None:
     assert "style" not in TABLE.__html__()  # a page has a style sheet
 
 
+def test_a_cell_may_have_a_format_of_its_own() -> None:
+    table = Table.of(("name", Column("value", format=".6g")), [("a", Cell(1.23456789, format=".2g")), ("b", 1.234567)])
+    assert [line.split()[1] for line in str(table).splitlines()[1:]] == ["1.2", "1.23457"]
+    assert ">1.2<" in table.to_html()
+    assert table.to_frame()["value"][0] == 1.23456789
+
+
 def test_an_empty_column_is_left_out() -> None:
     table = Table.of(("name", "because", Column("p", format=P_VALUE)), [("a", "", 1e-9), ("b", "", None)])
     assert "because" not in f"{table}{table.to_html()}{table.to_markdown()}"
@@ -146,6 +153,9 @@ def test_estimates_as_text(value: float, std: float, unit: str, text: str) -> No
 
 
 def test_an_interval_has_the_digits_of_its_std() -> None:
+    assert (digits_of(9.0765, 0.028), digits_of(0.0, 0.1), digits_of(1.0, np.inf), digits_of(1.0, 0.0)) == (
+        ".4g", ".2g", ".6g", ".6g",
+    )  # fmt: skip
     assert interval_text(1.196722, 1.201581, 0.0011) == "1.1967 to 1.2016"
     assert interval_text(-0.0936, 0.0, 0.021) == "-0.094 to 0"
     assert interval_text(1234.56, 1534.56, 76.0) == "1235 to 1535"
@@ -177,7 +187,7 @@ def test_every_public_name_is_there() -> None:
         truewrench.nothing  # type: ignore[attr-defined]  # noqa: B018
 
 
-def test_a_column_that_nothing_is_known_of_is_left_out_where_asked() -> None:
-    table = Table.of(("a", "b", "c"), [("x", None, None), ("y", "", 1.0)])
-    assert [c.name for c in table.without_unknown("b", "c").columns] == ["a", "c"]
-    assert [c.name for c in table.without_unknown("a").columns] == ["a", "b", "c"]
+def test_a_column_that_nothing_is_known_of_is_left_out() -> None:
+    table = Table.of(("a", "b", "c", "d"), [("x", None, None, ""), ("y", "", 1.0, Cell(None, "fixed"))])
+    assert [c.name for c in table.filled.columns] == ["a", "c", "d"]
+    assert [c.name for c in Table.of(("a", "b"), []).filled.columns] == ["a", "b"]

@@ -601,6 +601,30 @@ def test_a_full_disk_is_one_line() -> None:
     assert (done.returncode, done.stderr.count("\n")) == (2, 1)
 
 
+ON_FULL_DISK = {
+    "fit": "fit {training} --rig {rig} --out /dev/full",
+    "fit report": "fit {training} --rig {rig} --report {full}",
+    "diagnose": "diagnose {training} --rig {rig} --only viscous_drag --out {full}",
+    "import": "import {training} --rig {rig} --out /dev/full",
+}
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full here")
+@pytest.mark.parametrize("options", [[], ["--json"]])
+@pytest.mark.parametrize("name", ON_FULL_DISK)
+def test_a_result_that_cannot_be_written_is_printed_before_the_error(
+    name: str, options: list[str], bench: Bench, run: Runner, tmp_path: Path
+) -> None:
+    for file in ("report.html", "result.json", "model.json"):
+        (tmp_path / file).symlink_to("/dev/full")
+    line = ON_FULL_DISK[name].format(training=bench.training, rig=bench.rig, full=tmp_path)
+    full, kept = run(*line.split(), *options), run(*line.split()[:-2], *options)
+    assert (full.code, kept.code) == (2, 0)
+    assert full.out.splitlines()[:5] == kept.out.splitlines()[:5]
+    assert "Written" not in full.out
+    assert (full.err.count("\n"), "No space left on device" in full.err) == (1, True)
+
+
 def test_a_fault_is_one_line_for_a_user_and_an_exception_in_python(monkeypatch: pytest.MonkeyPatch) -> None:
     spoilt = "import truewrench.commands.effects as e; e.listing = lambda _: 1 // 0; " + PROGRAM
     done = subprocess.run([sys.executable, "-c", spoilt, "effects"], text=True, capture_output=True, check=False)

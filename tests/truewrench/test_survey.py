@@ -11,6 +11,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import replace
 from multiprocessing import get_context
 from pathlib import Path
@@ -476,6 +477,30 @@ def test_lost_scheduler_is_an_error_and_keeps_what_is_done(tmp_path: Path) -> No
         with pytest.raises(InputError, match="the scheduler does not answer any more"):
             survey(paths, out=out, scheduler=started.address, work=stand_in.slow)
     assert 3 <= stored(out) < MANY
+
+
+@pytest.mark.long
+@pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="signals cannot be held here")
+@pytest.mark.parametrize("delay", [0.0, 0.04, 0.1, 0.3])
+def test_an_interrupt_while_workers_start_is_quiet(delay: float, bench: Path, tmp_path: Path) -> None:
+    """As of a terminal, for every process of the group, so many seconds after the first worker's was begun."""
+    argv = ["survey", str(bench / "nan.csv"), str(bench / "empty.csv"), "--out", str(tmp_path / "out")]
+    client = subprocess.Popen(
+        [sys.executable, "-m", "truewrench", *argv], stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    while client.poll() is None and not any("spawn_main" in name for name in _commands_below(client.pid)):
+        sleep(0.002)
+    sleep(delay)
+    os.killpg(client.pid, signal.SIGINT)
+    assert (client.communicate(timeout=60)[1], client.returncode) == ("", 130)
+
+
+def _commands_below(pid: int) -> list[str]:
+    commands = []
+    for process in psutil.Process(pid).children(recursive=True):
+        with suppress(psutil.Error):
+            commands.append(" ".join(process.cmdline()))
+    return commands
 
 
 def test_nothing_listens_beyond_the_loopback(cluster: DaskProcesses) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
+from pathlib import Path
 
 from diagnosis.calibrate import DRAWS, POWER_DRAWS, calibrate
 from truewrench.commands.effect_choice import candidate_effects, custom_effects, with_effects_changed
@@ -31,6 +32,11 @@ def run(arguments: argparse.Namespace) -> None:
             progress=progress,
             workers=available_cores() if arguments.workers is None else arguments.workers,
         )
-    if arguments.out is not None:
+
+    def written() -> list[Path]:
+        if arguments.out is None:
+            return []
         write_calibration(calibration, arguments.out)
-    print_result(arguments, lambda: calibration, calibration.to_data, [] if arguments.out is None else [arguments.out])
+        return [arguments.out]
+
+    print_result(arguments, lambda: calibration, calibration.to_data, written)

@@ -24,9 +24,11 @@ def run(arguments: argparse.Namespace) -> None:
     with progress_line() as progress:
         progress("compare")
         comparison = compare_models(models, recordings)
-    written = []
-    if arguments.report is not None:
-        provenance = provenance_of(arguments, *paths, *arguments.on)
-        texts = comparison_report(comparison, provenance)
-        written = write_report_files(texts, arguments.report)
+
+    def written() -> list[Path]:
+        if arguments.report is None:
+            return []
+        texts = comparison_report(comparison, provenance_of(arguments, *paths, *arguments.on))
+        return write_report_files(texts, arguments.report)
+
     print_result(arguments, lambda: comparison, comparison.to_data, written)

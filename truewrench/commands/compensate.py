@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -39,10 +40,14 @@ def run(arguments: argparse.Namespace) -> None:
             tip_length=arguments.tip_length,
             false_alarms=arguments.false_alarms,
         )
-    if arguments.out is not None:
+
+    def written() -> list[Path]:
+        if arguments.out is None:
+            return []
         with atomic_write(arguments.out) as path:
             contact_table(contact).to_csv(path, index=False, float_format="%.9g")
-    written = [] if arguments.out is None else [arguments.out]
+        return [arguments.out]
+
     print_result(arguments, lambda: contact_text(contact), lambda: contact_data(contact), written)
 
 

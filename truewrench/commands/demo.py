@@ -53,9 +53,9 @@ def run(arguments: argparse.Namespace) -> None:
     training, validation = str(out / TRAINING.name), str(out / VALIDATION.name)
     diagnosis = diagnosed(read_case([training], validation=[validation], rig=str(out / "rig.toml")))
     texts = report_texts(diagnosis, provenance_of(arguments, *(out / name for name in names[:3])))
-    write(diagnosis, diagnosis.to_data(), texts, out)
     print(diagnosis_text(diagnosis), end="\n\n")
-    print(outcome(diagnosis, arguments.effect), end="\n\n")
+    print(outcome(diagnosis, arguments.effect), end="\n\n", flush=True)
+    write(diagnosis, diagnosis.to_data(), texts, out)
     if CONTACT in runs:
         print(contact_summary(diagnosis, out), end="\n\n")
     print(f"Report: {out / FILES[0]}")

@@ -66,15 +66,19 @@ def run(arguments: argparse.Namespace) -> None:
 def show(request: DesignRequest, plan: ExcitingTrajectory | DiscriminationDesign) -> None:
     """Write and print a result."""
     arguments = request.options
-    files = [] if plan.motion is None else result_files(arguments)
-    if files:
-        write(request, plan, arguments.out)
+
+    def written() -> list[Path]:
+        files = [] if plan.motion is None else result_files(arguments)
+        if files:
+            write(request, plan, arguments.out)
+        return files
+
     excluded = f"\nexcluded, because no trajectory can be designed for them: {', '.join(request.left_out)}"
     print_result(
         arguments,
         lambda: f"{plan}{excluded if request.left_out else ''}",
         lambda: dict.fromkeys(KEYS) | plan.to_data(),
-        files,
+        written,
     )
 
 

@@ -14,6 +14,7 @@ from diagnosis.calibration import Calibration
 from diagnosis.diagnosis import Diagnosis, diagnose_case
 from estimation.case import Case
 from modeling.chain.effect import Effect
+from modeling.effects.geometry import GravityTilt
 from truewrench.commands.effect_choice import candidate_effects, custom_effects, with_effects_changed
 from truewrench.commands.results import print_result, provenance_of, suspicions_named
 from truewrench.files.case_files import frame_sentences, frames_data, read_case
@@ -44,20 +45,22 @@ def run(arguments: argparse.Namespace) -> None:
     )
     calibration = None if arguments.calibration is None else _calibration_of(case, arguments.calibration)
     custom = custom_effects(arguments.effects, case)
-    case = replace(case, model=with_effects_changed(case.model, arguments.given, [], custom))
+    model = with_effects_changed(case.model, arguments.given, [], custom)
+    case = replace(case, model=model, tilt_fitted=case.tilt_fitted and GravityTilt.id not in arguments.given)
     candidates = candidate_effects(case.model, arguments.only, arguments.without, custom)
     with suspicions_named((*case.recordings, *case.held_out)):
         diagnosis = diagnosed(case, candidates)
     diagnosis = diagnosis if calibration is None else diagnosis.calibrated(calibration)
     case = case.with_fitted_gravity(diagnosis.fit.model, diagnosis.fit.values)
-    out = None if arguments.out is None else make_folder(arguments.out)
     data = diagnosis.to_data() | frames_data(case)
-    written = []
-    if out is not None or arguments.report is not None:
+
+    def written() -> list[Path]:
+        if arguments.out is None and arguments.report is None:
+            return []
         inputs = (arguments.rig, arguments.effects, arguments.calibration)
         provenance = provenance_of(arguments, *arguments.recordings, *arguments.validate, *inputs)
-        texts = report_texts(diagnosis, provenance)
-        written = write(diagnosis, data, texts, out, arguments.report)
+        return write(diagnosis, data, report_texts(diagnosis, provenance), arguments.out, arguments.report)
+
     frames = "".join(f"\n\n{sentence}" for sentence in frame_sentences(replace(case, reading=None)))
     print_result(arguments, lambda: diagnosis_text(diagnosis) + frames, lambda: data, written)
 
@@ -102,6 +105,7 @@ def write(
     written = [] if report is None else write_report_files(texts, report)
     if out is None:
         return written
+    make_folder(out)
     contents = (
         texts.html,
         json.dumps(data, indent=2, allow_nan=False) + "\n",

@@ -48,14 +48,13 @@ def run(arguments: argparse.Namespace) -> None:
         progress("fit")
         summary = fit_summary_of(case, constraints, robust=arguments.robust)
         case = case.with_fitted_gravity(summary.fit.model, summary.fit.values)
-    written = [] if arguments.report is None else write_report(arguments, summary, case)
     print_fit(
         arguments,
         summary.fit,
         lambda: summary.to_data(case),
         lambda: summary.text(case, runs=arguments.runs, verbose=arguments.verbose),
-        written,
-        [c.recording.name for c in summary.misfitting],
+        lambda: [] if arguments.report is None else write_report(arguments, summary, case),
+        summary.misfitting,
         summary.unknown_tool,
     )
 
@@ -103,7 +102,7 @@ def print_fit(
     fit: Fit | StreamedFit,
     data: Callable[[], dict[str, Any]],
     text: Callable[[], str],
-    report: Sequence[Path] = (),
+    report: Callable[[], Sequence[Path]] = tuple,
     misfitting: Sequence[str] | None = None,
     tool_unknown: str = "",
 ) -> None:
@@ -113,10 +112,15 @@ def print_fit(
         from truewrench.files.model_file import ModelFile  # with the parser of formulas
 
         saved = ModelFile.of(fit, misfitting, tool_unknown)
-        if arguments.out is not None:
+
+    def written() -> list[Path]:
+        files = [*report()]
+        if arguments.out is not None and saved is not None:
             with atomic_write(arguments.out) as path:
                 path.write_text(saved.to_text(), encoding="utf-8")
-    written = [*report, *([] if arguments.out is None else [arguments.out])]
+            files.append(arguments.out)
+        return files
+
     print_result(arguments, text, lambda: (saved.to_data() if saved else {}) | data(), written)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import shlex
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,6 +14,7 @@ from estimation.reading.log_reading import imported
 from estimation.recordings.reading_report import ReadingReport
 from modeling.errors import InputError, quoted
 from modeling.rig import Rig
+from truewrench.commands.results import print_result
 from truewrench.files.case_files import imported_frames
 from truewrench.files.output import atomic_write, progress_line
 
@@ -79,19 +79,28 @@ def run(arguments: argparse.Namespace) -> None:
         )
         if (rig is not None or "q1" not in log.columns) and log.report.samples < LONGEST_CHECKED:
             said = imported_frames(log.recording(rig))  # whatever could not be diagnosed is said now
-        if arguments.out is not None:
-            progress("write")
-            with atomic_write(arguments.out) as path:
-                write_table(log.columns, path, parquet=arguments.out.suffix.lower() in (".parquet", ".pq"))
-        if arguments.plot is not None:
-            progress("draw")
-            write_picture(log.report, arguments.plot)
+
+    def written() -> list[Path]:
+        with progress_line() as progress:
+            if arguments.out is not None:
+                progress("write")
+                with atomic_write(arguments.out) as path:
+                    write_table(log.columns, path, parquet=arguments.out.suffix.lower() in (".parquet", ".pq"))
+            if arguments.plot is not None:
+                progress("draw")
+                write_picture(log.report, arguments.plot)
+        return [path for path in (arguments.out, arguments.plot) if path is not None]
+
+    print_result(
+        arguments,
+        lambda: "\n\n".join([str(log.report), *said]),
+        lambda: log.report.to_data() | {"frames": said},
+        written,
+    )
     if arguments.json:
-        print(json.dumps(log.report.to_data() | {"frames": said}, indent=2, allow_nan=False))
         return
-    print("\n\n".join([str(log.report), *said]))
-    written = ", ".join(str(path) for path in (arguments.out, arguments.plot) if path is not None)
-    print(f"\nWritten: {written}" if written else "\nNothing is written without --out REC.")
+    if arguments.out is None and arguments.plot is None:
+        print("\nNothing is written without --out REC.")
     if arguments.out is not None:
         print(f"Next: {next_command(arguments.out, arguments.rig, joints='q1' in log.columns)}")
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -29,15 +30,28 @@ def print_result(
     arguments: argparse.Namespace,
     text: Callable[[], object],
     data: Callable[[], Mapping[str, Any]],
-    written: Sequence[Path] = (),
+    write: Callable[[], Sequence[Path]] = tuple,
 ) -> None:
-    """Print a result: with --json its data alone, else its text and the files written."""
+    """Write the files of a result, then print it: with --json its data alone, else its text and the files written.
+
+    Where the files cannot be written, as on a full disk, the result is printed all the same, and the error raised then:
+    what took minutes to compute is not lost.
+    """
+    written: Sequence[Path] = ()
+    failure: Exception | None = None
+    try:
+        written = write()
+    except (InputError, OSError) as error:
+        failure = error
     if arguments.json:
         print(json.dumps(data(), indent=2, allow_nan=False))
-        return
-    print(text())
-    if written:
-        print("\nWritten: " + ", ".join(map(str, written)))
+    else:
+        print(text())
+        if written:
+            print("\nWritten: " + ", ".join(map(str, written)))
+    if failure is not None:
+        sys.stdout.flush()
+        raise failure
 
 
 @contextmanager

@@ -27,4 +27,4 @@ def run(arguments: argparse.Namespace) -> None:
             one_run=arguments.no_period,
             progress=progress,
         )
-    print_result(arguments, lambda: surveyed, surveyed.to_data, result_files(arguments))
+    print_result(arguments, lambda: surveyed, surveyed.to_data, lambda: result_files(arguments))

@@ -297,7 +297,7 @@ def _tick(model: LabelledParameters, name: str) -> str:
     estimate = model.estimates.get(name)
     if estimate is None or not np.isfinite(estimate.std):
         return NO_VALUE
-    return estimate_text(estimate.value, estimate.std, "1").replace(" ± ", "\n± ", 1).replace("-", "−")
+    return estimate_text(estimate.value, estimate.shown_std, "1").replace(" ± ", "\n± ", 1).replace("-", "−")
 
 
 def _points(models: Sequence[LabelledParameters], name: str) -> Iterator[Points]:

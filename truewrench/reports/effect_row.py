@@ -81,7 +81,7 @@ def _parameter_table(effect: Effect, fit: Fit) -> Table:
     rows = []
     for parameter in effect.parameters(fit.model.space):
         estimate = fit.parameters.get(f"{effect.id}.{parameter.name}")
-        size = NO_VALUE if estimate is None else format_with_std(estimate.value, estimate.std)
+        size = NO_VALUE if estimate is None else format_with_std(estimate.value, estimate.shown_std)
         if estimate is not None and estimate.std == 0:
             size = f"{format_number(estimate.value)} (fixed)"
         rows.append((parameter.name, parameter.meaning, size, format_unit(parameter.unit)))
@@ -128,7 +128,7 @@ class EffectRow:
 def effect_row(finding: Finding, space: Space, findings: Sequence[Finding] = ()) -> EffectRow:
     """Row of one effect; the other `findings` say how close those are that it is confusable with."""
     units = {p.name: p.unit for p in finding.effect.parameters(space)}
-    sizes = quantities((name, e.value, e.std, e.unit) for name, e in finding.parameters.items())
+    sizes = quantities((name, e.value, e.shown_std, e.unit) for name, e in finding.parameters.items())
     limits = [FormattedQuantity.of(n, v, units.get(n, ""), digits=2) for n, v in finding.detectable.items()]
     return EffectRow(
         finding=finding,

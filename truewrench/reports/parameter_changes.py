@@ -123,7 +123,7 @@ class ParameterChanges:
 def _text(estimate: Estimate, fit: Fit) -> str:
     if estimate.std > 0 and estimate.name in fit.held:
         return f"{format_number(estimate.value, 4)} ({HELD})"
-    return format_with_std(estimate.value, estimate.std) + (" (fixed)" if estimate.std == 0 else "")
+    return format_with_std(estimate.value, estimate.shown_std) + (" (fixed)" if estimate.std == 0 else "")
 
 
 def _interval(low: float, high: float) -> str:

@@ -330,7 +330,7 @@ def _values(diagnosis: Diagnosis, provenance: Provenance) -> dict[str, Any]:
         "steps_heading": "Error after each selection step" if changed else f"Error of the {base_name(diagnosis)}",
         "recordings": diagnosis_sections(diagnosis),
         "cards": effect_cards(diagnosis.fit),
-        "cards_heading": "The effects of the model" if diagnosis.given else "The effects added",
+        "cards_heading": "The effects of the model" if diagnosis.steps[0].fit.model.effects else "The effects added",
         "leading": leading,
         "others": [r for r in rows if r not in leading],
         "findings_table": findings_table(diagnosis),

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import signal
 import sys
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, Executor, Future, ThreadPoolExecutor, as_completed
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import partial
+from multiprocessing import resource_tracker
 from typing import TYPE_CHECKING
 
 from modeling.errors import InputError
@@ -123,22 +125,38 @@ def local_executor(workers: int | None = None, *, most: int | None = None) -> It
     from distributed import Client, LocalCluster
 
     count = min(workers or CPU_COUNT, most or workers or CPU_COUNT)
-    with (
-        _quiet(),
-        LocalCluster(
-            n_workers=count,
-            threads_per_worker=1,
-            processes=True,
-            host=LOOPBACK,
-            dashboard_address=None,
-            scheduler_kwargs={"dashboard_address": f"{LOOPBACK}:0"},  # health pages remain: two surveys, two ports
-            memory_limit=0,
-            preload=IGNORE_INTERRUPTS,
-            silence_logs=logging.CRITICAL,
-        ) as cluster,
-        Client(cluster) as client,
-    ):
-        yield _executor(client)
+    with _quiet(), ExitStack() as stack:
+        with _interrupts_held():
+            cluster = stack.enter_context(
+                LocalCluster(
+                    n_workers=count,
+                    threads_per_worker=1,
+                    processes=True,
+                    host=LOOPBACK,
+                    dashboard_address=None,
+                    # health pages remain: two surveys, two ports
+                    scheduler_kwargs={"dashboard_address": f"{LOOPBACK}:0"},
+                    memory_limit=0,
+                    preload=IGNORE_INTERRUPTS,
+                    silence_logs=logging.CRITICAL,
+                )
+            )
+        yield _executor(stack.enter_context(Client(cluster)))
+
+
+@contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Hold back Ctrl-C until the workers have started: they inherit that, and are not interrupted before they ignore
+    it. Where signals cannot be held, nothing."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    resource_tracker.ensure_running()  # where it starts, it lets interrupts through again
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager

@@ -26,8 +26,9 @@ RIGID_TOOL = "rigid tool"
 
 
 def base_name(diagnosis: Diagnosis) -> str:
-    """Label of the model that the search began with: the rigid tool, with the effects given."""
-    return " + ".join([RIGID_TOOL, *diagnosis.given])
+    """Label of the model that the search began with: the rigid tool, with gravity's direction and the effects given."""
+    gravity = ["direction of gravity"] if diagnosis.tilt_fitted else []
+    return " + ".join([RIGID_TOOL, *gravity, *diagnosis.given])
 
 
 def step_names(diagnosis: Diagnosis) -> list[str]:
@@ -163,7 +164,8 @@ def noise_notes(diagnosis: Diagnosis) -> list[str]:
 def evidence_notes(diagnosis: Diagnosis) -> list[str]:
     """What the verdict rests on: noise, rows, motion, what remains slowly, what was held out, calibration."""
     last = diagnosis.steps[-1]
-    notes = [*noise_notes(diagnosis), *motion_notes(last.training, diagnosis.fit.model)]
+    notes = [*noise_notes(diagnosis), *(note for c in last.training for note in c.outlier_notes)]
+    notes += motion_notes(last.training, diagnosis.fit.model)
     notes += [as_sentence(remainder.sentence) for remainder in diagnosis.slow_residuals]
     if diagnosis.removed_share < ALMOST_ALL:
         notes.append(
@@ -206,7 +208,7 @@ def diagnosis_text(diagnosis: Diagnosis) -> str:
     parts = [
         *([] if diagnosis.reading is None else [diagnosis.reading.sentence]),
         verdict_sentence(diagnosis),
-        *(_given_text(diagnosis, effect_id) for effect_id in diagnosis.given),
+        *(_beginning_text(diagnosis, effect) for effect in diagnosis.steps[0].fit.model.effects),
         *(effect_text(f, diagnosis.fit) for f in diagnosis.findings if f.verdict is EffectVerdict.SUPPORTED),
         *_tool_lines(diagnosis),
         error_reduction_text(diagnosis),
@@ -233,19 +235,18 @@ def verdict_sentence(diagnosis: Diagnosis) -> str:
     return f"{label}{headline[0].lower() if label else headline[0]}{headline[1:]}. [{verdict.value}]"
 
 
-def _given_text(diagnosis: Diagnosis, effect_id: str) -> str:
-    """An effect that the model was given with, and its estimates in the final fit."""
-    effect = next(e for e in diagnosis.model.effects if e.id == effect_id)
+def _beginning_text(diagnosis: Diagnosis, effect: Effect) -> str:
+    """An effect that the search began with, given or gravity's direction, and its estimates in the final fit."""
     names = (p.name for p in effect.qualified(diagnosis.model.space))
     estimates = {name.split(".", 1)[1]: diagnosis.fit.parameters[name] for name in names}
-    return "\n".join(
-        [f"Given {effect.id}: {effect.title}, {effect.equation}", *_estimate_lines(effect, estimates, diagnosis.fit)]
-    )
+    origin = "Given" if effect.id in diagnosis.given else "Fitted with the direction of gravity,"
+    head = f"{origin} {effect.id}: {effect.title}, {effect.equation}"
+    return "\n".join([head, *_estimate_lines(effect, estimates, diagnosis.fit)])
 
 
 def _estimate_lines(effect: Effect, estimates: Mapping[str, Estimate], fit: Fit) -> list[str]:
     """Each estimate with what it is, then the size of the effect in the readings."""
-    values = {name: estimate_text(e.value, e.std, e.unit) for name, e in estimates.items()}
+    values = {name: estimate_text(e.value, e.shown_std, e.unit) for name, e in estimates.items()}
     fitted = next((e for e in fit.model.effects if e.id == effect.id), effect)
     meanings = {p.name: p.meaning for p in fitted.parameters(fit.model.space)}
     width, wide = max(map(len, values), default=0), max(map(len, values.values()), default=0)
@@ -271,7 +272,7 @@ def error_reduction_text(diagnosis: Diagnosis) -> str:
     steps = diagnosis.steps
     repeating = all(c.explainable_rms is not None for s in steps for c in (*s.training, *s.validation))
     kind = "systematic RMS, repeats with the motion" if repeating else "RMS; `~`: total, no repeats"
-    table = error_table(steps, step_names(diagnosis), diagnosis.tolerance).without_unknown("reduced chi-square")
+    table = error_table(steps, step_names(diagnosis), diagnosis.tolerance)
     return f"Error of each channel ({kind}):\n{table}"
 
 

@@ -8,7 +8,7 @@ from functools import cached_property
 from math import isfinite
 from typing import Any
 
-from diagnosis.comparison.compared_step import held_out_misfitting, misfitting
+from diagnosis.comparison.compared_step import misfitting_names
 from diagnosis.comparison.comparison import Comparison, comparisons_of
 from diagnosis.comparison.slow_residual import SlowResidual, slow_residuals
 from diagnosis.verdict.aliasing import channel_tolerance
@@ -30,13 +30,22 @@ from modeling.table import Table
 from truewrench.effect_description.effect_size import size_sentence
 from truewrench.files.case_files import frame_sentences, frames_data
 from truewrench.text.diagnosis_text import WEAKER
-from truewrench.text.tool_text import LEGEND, NOT_KNOWN, tool_extent_text, tool_text
+from truewrench.text.tool_text import (
+    LEGEND,
+    NOT_KNOWN,
+    constant_channels,
+    constant_torques_text,
+    tool_extent_text,
+    tool_text,
+)
 
 ADVICE = (
     "`truewrench diagnose` with the same recordings tests every effect that could explain it; by hand, in Python,"
     " tw.study(...).suspects() does."
 )
 """After where a model fails: what to do about it."""
+MOMENT_UNITS = ("kg m", "kg m²")
+"""Units of first moments and inertia, which torques alone, or mostly, tell."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,16 +81,17 @@ class FitSummary:
 
     def _failures(self) -> Iterator[str]:
         """Where the model fails, of each recording with a significant lack of fit, and what searches for the cause."""
-        failing = [c for c in self.misfitting if c.lack_of_fit < LEVELS.effect]
+        failing = [c for c in self.comparisons if c.lack_of_fit < LEVELS.effect]
+        failing += [c for c in self.validation if c.lack_of_fit < LEVELS.held_out]
         if failing:
             tolerance, _ = channel_tolerance(self.fit)
             lines = [f"  {c.recording.name}: {_failure(c, tolerance)}" for c in failing]
             yield "\n".join(["Where the model fails:", *lines, f"  {ADVICE}"])
 
     @property
-    def misfitting(self) -> list[Comparison]:
-        """Recordings that the model does not fit, fitted or held out."""
-        return [*misfitting(self.comparisons, self.fit.model), *held_out_misfitting(self.validation)]
+    def misfitting(self) -> tuple[str, ...]:
+        """Names of the recordings that the model does not fit, the held-out ones named as such."""
+        return misfitting_names(self.comparisons, self.validation, self.fit.model)
 
     @cached_property
     def rows_left_out(self) -> tuple[RowsLeftOut, ...]:
@@ -106,7 +116,7 @@ class FitSummary:
     def _agreement(self) -> str:
         """Whether the residual is that of a model that fits."""
         if self.misfitting:
-            said = agreement_text([c.recording.name for c in self.misfitting])
+            said = agreement_text(self.misfitting)
             return (
                 f"{said} Stds and intervals hold for noise alone, and are too small here; `truewrench diagnose` or"
                 " `tw.diagnose` searches for what is missing."
@@ -132,7 +142,8 @@ class FitSummary:
         """What the motion leaves unknown, what remains slowly, and the rows that the fit is not about."""
         slow = [as_sentence(remainder.sentence) for remainder in self.slow]
         rows = [left_out.sentence for left_out in self.rows_left_out]
-        return [*motion_notes(self.comparisons, self.fit.model), *slow, *rows]
+        outliers = [note for c in self.comparisons for note in c.outlier_notes]
+        return [*motion_notes(self.comparisons, self.fit.model), *outliers, *slow, *rows]
 
     def parameters(self) -> str:
         """Every estimate with std, 95 % interval and its degrees of freedom, and remarks on identifiability."""
@@ -147,15 +158,22 @@ class FitSummary:
     def _parameter_rows(self) -> Iterator[tuple[str, ...]]:
         intervals = self.intervals
         ends = zip(intervals.low, intervals.high, intervals.freedom, strict=True)
+        constant, unmeasured = constant_channels(self.fit), constant_torques_text(self.fit)
         for estimate, (low, high, freedom) in zip(self.fit.parameters.values(), ends, strict=True):
             row = (estimate.name, self._estimate(estimate))
             if self.unknown_tool:
                 yield (*row, NOT_KNOWN, "")
-            elif estimate.std == 0 or not isfinite(low) or estimate.name in self.fit.held:
+            elif (
+                estimate.name.removeprefix("bias_") in constant
+                or (unmeasured and estimate.unit in MOMENT_UNITS)
+                or estimate.std == 0
+                or not isfinite(low)
+                or estimate.name in self.fit.held
+            ):
                 yield (*row, "", "")
             else:
                 count = f"{freedom:.3g}" if freedom < MAX_DEGREES_OF_FREEDOM else "many"
-                yield (*row, interval_text(low, high, estimate.std), count)
+                yield (*row, interval_text(low, high, estimate.shown_std), count)
 
     def _estimate(self, estimate: Estimate) -> str:
         """Value and std; of one that a bound holds, or of a tool that is not known, the value alone."""
@@ -164,7 +182,11 @@ class FitSummary:
             return f"{estimate.value:.6g}{unit}, {HELD}"
         if self.unknown_tool:
             return f"{estimate.value:.2g}{unit}"
-        return estimate_text(estimate.value, estimate.std, estimate.unit)
+        if (channel := estimate.name.removeprefix("bias_")) in constant_channels(self.fit):
+            return f"{estimate.value:.6g}{unit}, {channel} never changes"
+        if estimate.unit in MOMENT_UNITS and (unmeasured := constant_torques_text(self.fit)):
+            return unmeasured
+        return estimate_text(estimate.value, estimate.shown_std, estimate.unit)
 
     def _effect_sizes(self) -> Iterator[str]:
         """How large each effect of the model is in these recordings."""
@@ -183,7 +205,8 @@ class FitSummary:
 
     def _poses(self) -> Iterator[str]:
         if any(r.at_rest for r in self.fit.recordings):
-            yield str(CentreOfMass.of(self.fit))
+            if not constant_torques_text(self.fit):
+                yield str(CentreOfMass.of(self.fit))
             yield str(PoseAdvice.of(self.fit))
 
     # ------------------------------------------------------------------------------------------- data

@@ -84,6 +84,18 @@ TOO_STILL = (
 )
 
 
+def constant_channels(fitted: Fit) -> tuple[str, ...]:
+    """Channels that never change in one of the recordings: without noise, they would decide whatever acts on them."""
+    channels = enumerate(fitted.recordings[0].channels)
+    return tuple(c for i, c in channels if any(np.ptp(recording.wrench[:, i]) == 0 for recording in fitted.recordings))
+
+
+def constant_torques_text(fitted: Fit) -> str:
+    """That first moment and inertia are not known, as a torque never changes; empty where every torque does."""
+    torques = [c for c in constant_channels(fitted) if c not in FORCES]
+    return f"not known, as {' and '.join(torques)} never change{'s' * (len(torques) == 1)}" if torques else ""
+
+
 def tool_text(fitted: Fit, *, misfitting: bool, unknown: str = "") -> str:
     """Mass and centre of mass with std, as far as they are identifiable; empty where the mass is not.
 
@@ -96,8 +108,10 @@ def tool_text(fitted: Fit, *, misfitting: bool, unknown: str = "") -> str:
         return ""
     if unknown:
         return unknown_tool_sentences(unknown)[0]
+    constant = [f"{c} never changes" for c in constant_channels(fitted) if c in FORCES]
     if abs(mass.value) < SIGNIFICANT * mass.std:
         weight, why = ("not known", TOO_STILL) if _may_be_heavy(fitted) else ("none", WEIGHTLESS)
+        weight, why = ("not known", f"{'; '.join(constant)}.") if constant else (weight, why)
         return f"Tool: {weight}, m {estimate_text(mass.value, mass.std, mass.unit)}: {why}"
     centre = CentreOfMass.of(fitted)
     parts = [
@@ -106,8 +120,9 @@ def tool_text(fitted: Fit, *, misfitting: bool, unknown: str = "") -> str:
         if isfinite(std)
     ]
     where = f"; centre of mass {', '.join(parts)} from the sensor's origin, in its axes" if parts else ""
-    doubts = "; ".join([*([NOT_CONVERGED] if not fitted.converged else []), *([BIASED] if misfitting else [])])
-    doubt = f" ({doubts})" if doubts else ""
+    where = f"; centre of mass {unmeasured}" if (unmeasured := constant_torques_text(fitted)) else where
+    doubts = [*constant, *([NOT_CONVERGED] if not fitted.converged else []), *([BIASED] if misfitting else [])]
+    doubt = f" ({'; '.join(doubts)})" if doubts else ""
     return f"Tool: m {estimate_text(mass.value, mass.std, mass.unit)}{where}{doubt}."
 
 

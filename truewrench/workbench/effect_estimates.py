@@ -19,7 +19,7 @@ def effect_sizes(effect: Effect, fit: Fit) -> str:
     estimates = {n.partition(".")[2]: e for n, e in fit.parameters.items() if n.startswith(f"{effect.id}.")}
     fixed = [name for name, e in estimates.items() if e.std == 0 and e.value == 0]
     free = [
-        f"{name} = {format_with_std(e.value, e.std)} {format_unit(e.unit)}".rstrip()
+        f"{name} = {format_with_std(e.value, e.shown_std)} {format_unit(e.unit)}".rstrip()
         for name, e in estimates.items()
         if name not in fixed
     ]

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from functools import cache
 from hmac import compare_digest
 from importlib.resources import files
+from logging import Filter, LogRecord, getLogger
 from pathlib import Path
 from threading import Thread
 from typing import Any
@@ -60,6 +61,8 @@ class RequestGuard:
 
     def refusal(self, request: HTTPServerRequest) -> tuple[int, str] | None:
         """Status and reason of a request that is refused, else None."""
+        if "\0" in unquote(request.path):
+            return 400, "no address holds a null character"
         if request.headers.get_list("Host") not in [[host] for host in self.hosts]:
             return 403, "foreign Host"
         origins = request.headers.get_list("Origin")
@@ -121,6 +124,7 @@ class Upload(RequestHandler):
     def initialize(self, pages: Callable[[str], UploadFolder | None]) -> None:
         self._pages = pages
         self._stream: Any = None
+        self._kept = False
 
     def prepare(self) -> None:
         """Refuse before the body is read what has no page or no room."""
@@ -148,18 +152,24 @@ class Upload(RequestHandler):
         if self._stream is None:
             return
         self._stream.close()
+        self._kept = True  # whoever goes away meanwhile
         try:
             self._folder.require_room(0)
             number = await IOLoop.current().run_in_executor(None, self._folder.keep, self._path)
-        except InputError as error:
+        except Exception as error:
+            self._kept = False
+            if not isinstance(error, InputError):
+                raise
             self._refuse(error)
             return
         self.finish(json.dumps({"file": number, "name": self._name}))
 
     def on_finish(self) -> None:
-        """Close the file whatever happened."""
+        """Close the file whatever happened; one that was refused, or did not come whole, goes."""
         if self._stream is not None:
             self._stream.close()
+            if not self._kept:
+                self._folder.discard(self._path)
 
     on_connection_close = on_finish
 
@@ -167,6 +177,39 @@ class Upload(RequestHandler):
         self.set_status(413)
         self.set_header("Connection", "close")
         self.finish(json.dumps({"wrong": str(error)}))
+
+
+HEADERS = {"Content-Security-Policy": "frame-ancestors 'none'", "Referrer-Policy": "no-referrer"}
+"""Of every answer: no other page shows ours in itself, which no `meta` of a page can say, nor learns the address."""
+
+
+@cache
+def _with_headers(handler: type[RequestHandler]) -> type[RequestHandler]:
+    """The handler, its answers with `HEADERS`."""
+
+    def set_default_headers(self: RequestHandler) -> None:
+        handler.set_default_headers(self)
+        for name, value in HEADERS.items():
+            self.set_header(name, value)
+
+    return type(handler.__name__, (handler,), {"set_default_headers": set_default_headers})
+
+
+class TokenHidden(Filter):
+    """Filter of a log whose lines name addresses: without the token, which opens the pages to whoever reads it."""
+
+    def __init__(self, token: str) -> None:
+        super().__init__()
+        self._token = token
+
+    def filter(self, record: LogRecord) -> bool:
+        """Replace the token in the message."""
+        record.msg, record.args = record.getMessage().replace(self._token, "TOKEN"), ()
+        return True
+
+
+LOGS = ("tornado.access", "tornado.application", "tornado.general")
+"""Logs that name addresses."""
 
 
 class WorkbenchApplication(BokehTornado):
@@ -192,6 +235,12 @@ class WorkbenchApplication(BokehTornado):
             return self.get_handler_delegate(request, Refusal, values, more.get("path_args"), more.get("path_kwargs"))
         return super().find_handler(request, **more)
 
+    def get_handler_delegate(
+        self, request: HTTPServerRequest, target_class: type[RequestHandler], *values: Any, **more: Any
+    ) -> Any:
+        """Of any handler, Bokeh's too, with our headers."""
+        return super().get_handler_delegate(request, _with_headers(target_class), *values, **more)  # type: ignore[arg-type]
+
 
 class WorkbenchServer:
     """The workbench on a port of this machine.
@@ -214,6 +263,8 @@ class WorkbenchServer:
         self._pages: dict[str, Page] = {}
         self._start = start
         token = secrets.token_urlsafe(24)
+        for log in LOGS:
+            getLogger(log).addFilter(TokenHidden(token))
         try:
             listener = socket.create_server((ADDRESS, port))
         except OSError as error:

@@ -91,7 +91,7 @@ class SuspectRow:
             removed=_share(suspects.share(test)) if significant else "",
             score=round(100 * test.statistic / max(largest, 1e-300), 1) if suspects.ids else 0.0,
             size=_first_guess(test, suspects, significant=significant) if p_value < MOST_LIKELY_ABSENT else "",
-            detectable=_detectable(test, suspects),
+            detectable=suspects.detectable_text(test),
             reason=test.reason,
         )
 
@@ -112,12 +112,6 @@ def _first_guess(test: ScoreTest, suspects: Suspects, *, significant: bool) -> s
             number = format_number(value, 2) if infinite else format_with_std(value, std)
             texts.append(f"{_own(name)} = {number} {format_unit(parameters[name].unit)}".rstrip())
     return ", ".join(texts[:MOST_AMOUNTS]) + ", .." * (len(texts) > MOST_AMOUNTS)
-
-
-def _detectable(test: ScoreTest, suspects: Suspects) -> str:
-    units = {p.name: format_unit(p.unit) for p in test.effect.qualified(suspects.space)}
-    sizes = list(test.detectable.items())[:MOST_AMOUNTS]
-    return ", ".join(f"{_own(name)} {format_number(value, 2)} {units[name]}".rstrip() for name, value in sizes)
 
 
 def _own(name: str) -> str:

@@ -48,8 +48,8 @@ class UploadFolder:
 
     @property
     def bytes(self) -> int:
-        """Of all files together."""
-        return sum(path.stat().st_size for path in self._files.values() if path.exists())
+        """Of all files together, those that are still coming and those made here among them."""
+        return sum(path.stat().st_size for path in self._folder.rglob("*") if path.is_file())
 
     def require_room(self, size: int) -> None:
         """InputError where a file of so many bytes is too many or too much."""
@@ -77,6 +77,10 @@ class UploadFolder:
         number = str(len(self._files))
         self._files[number] = path
         return number
+
+    def discard(self, path: Path) -> None:
+        """Remove a file that was placed and is not kept."""
+        shutil.rmtree(path.parent, ignore_errors=True)
 
     def path(self, number: str) -> str:
         """The file of that number; InputError for none."""

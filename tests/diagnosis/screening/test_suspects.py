@@ -40,6 +40,14 @@ def test_a_nominally_infinite_amplitude_has_no_std() -> None:
         assert frame["unit"][0] == "N m/rad"
 
 
+def test_what_is_detectable_is_said_with_its_place() -> None:
+    drag = replace(
+        score_test("viscous_drag", 50.0, {"viscous_drag.c": (0.1, 0.01)}),
+        limits=lambda _level: {"viscous_drag.c": 0.0025}, start={"viscous_drag.c": 0.1, "viscous_drag.d": 0.12},
+    )  # fmt: skip
+    assert Suspects.of([drag], Space.PLANE, None).table.rows[0][5] == "c 0.0025 N·s/m (at d 0.12 m)"
+
+
 def test_a_frame_of_suspects_has_numbers_and_the_number_of_parameters() -> None:
     crosstalk = score_test("sensor_crosstalk", 60.0, {"sensor_crosstalk.fx_fy": (0.1, 0.01)})
     untested = ScoreTest(named("time_delay"), 0.0, 1.0, {}, {}, reason="the recording has no time")

@@ -123,6 +123,10 @@ def test_a_robust_fit_is_not_moved_by_outliers(bench: Bench, frame: pd.DataFrame
     low, high = json.loads(bench.fit("--robust", "--json", recording=recording)[1])["intervals"]["m"]
     assert low < ARM.mass < high
     assert bench.fit("--robust", "--physical")[0] == 2
+    plain, clean = bench.fit(recording=recording)[1], bench.fit()[1]
+    assert f"spiked.csv: {spikes.sum()} of {len(frame)} samples of fx are outliers" in plain
+    assert "`truewrench fit --robust`" in plain
+    assert "outliers" not in text.split("Outliers, by")[0] + clean
 
 
 def test_repeats_give_table_22_1(bench: Bench) -> None:
@@ -215,6 +219,7 @@ def test_fit_says_first_whether_the_model_fits(bench: Bench) -> None:
     assert "lagging.csv (held out, its biases estimated there):" in held_out
     data = json.loads(bench.fit("--validate", other, "--json")[1])
     assert not data["fits"]
+    assert data["misfitting"] == ["lagging.csv (held out)"]  # as of a diagnosis
     assert [r["name"] for r in data["validation"]] == ["lagging.csv"]
     fixed = json.loads(bench.fit("--add", "sensor_lag", "--json", recording=other)[1])
     assert fixed["fits"]

@@ -20,10 +20,11 @@ from estimation.confidence_intervals import intervals
 from estimation.fit import Fit, fit
 from estimation.recordings.recording import Recording
 from modeling.chain.model import spatial
+from modeling.number_format import estimate_text
 from modeling.rig import Convention
 from truewrench.simulated_rig import HiddenEffect, simulate
 from truewrench.text.fit_summary import FitSummary
-from truewrench.text.tool_text import tool_text
+from truewrench.text.tool_text import constant_channels, tool_text
 
 pytest.importorskip("mujoco")
 
@@ -90,6 +91,32 @@ def test_the_tool_of_a_free_run_is_known() -> None:
     mass = found.parameters["m"]
     assert abs(mass.value - RIG.mass) < 4 * mass.std
     assert "converged" not in FitSummary(found, intervals(found)).text(None)
+
+
+def test_estimates_and_intervals_have_the_digits_of_their_std() -> None:
+    found = fitted([run(44)])
+    mass, ends = found.parameters["m"], intervals(found)
+    for table in (found.table, ends.table):
+        shown = {row[0]: row[1] for row in (line.split() for line in str(table).splitlines()[1:])}
+        assert shown["m"] == f"{float(estimate_text(mass.value, mass.std, '1').split()[0]):g}"
+    assert found.table.to_frame()["value"][6] == mass.value
+
+
+def test_what_a_constant_torque_would_tell_is_not_known() -> None:
+    """Two torques that never change have no noise: without it they would weigh as much as all else together."""
+    readings = np.array(run(44).wrench)
+    readings[:, 3:5] = 0.4, -0.7
+    found = fitted([run(44).with_readings(readings)])
+    assert constant_channels(found) == ("tx", "ty")
+    tool, text = tool_text(found, misfitting=False), FitSummary(found, intervals(found)).text(None)
+    assert "; centre of mass not known, as tx and ty never change" in tool
+    rows = {line.split()[0]: line for line in text.splitlines() if line.strip()}
+    assert rows["bias_tx"].endswith(" N m, tx never changes")
+    assert all(rows[name].endswith("not known, as tx and ty never change") for name in ("mx", "Ixx", "Izz"))
+    assert "±" in rows["m"]
+    readings[:, 3:5] = run(44).wrench[:, 3:5]
+    readings[:, 0] = 3.0
+    assert tool_text(fitted([run(44).with_readings(readings)]), misfitting=False).endswith("kg: fx never changes.")
 
 
 def test_a_fit_that_has_not_converged_is_not_presented_as_one() -> None:

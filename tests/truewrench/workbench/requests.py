@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from http.client import HTTPConnection
+from http.client import HTTPConnection, HTTPResponse
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
@@ -11,18 +11,26 @@ from truewrench.files.demonstration import rig_text
 from truewrench.simulated_rig import PlanarRig, ViscousDrag, simulate, write_recording
 
 
-def answer(address: str, path: str = "", method: str = "GET", **headers: str) -> tuple[int, str]:
+def answer(address: str, path: str = "", method: str = "GET", body: str = "", **headers: str) -> tuple[int, str]:
     """Status and text of a request to a path below the address, its headers with `_` for `-`."""
+    response, text = answered(address, path, method, body, **headers)
+    return response.status, text
+
+
+def answered(
+    address: str, path: str = "", method: str = "GET", body: str = "", **headers: str
+) -> tuple[HTTPResponse, str]:
+    """The response, with its headers, and its text."""
     parts = urlsplit(address)
     connection = HTTPConnection(str(parts.hostname), parts.port, timeout=30)
     connection.putrequest(method, parts.path + path if not path.startswith("/") else path, skip_host="Host" in headers)
     for name, value in headers.items():
         connection.putheader(name.replace("_", "-"), value)
-    connection.endheaders()
+    connection.endheaders(body.encode("latin-1"))
     response = connection.getresponse()
-    found = response.status, response.read().decode(errors="replace")
+    text = response.read().decode(errors="replace")
     connection.close()
-    return found
+    return response, text
 
 
 def opening(folder: Path, hostile: str = "") -> dict[str, Any]:

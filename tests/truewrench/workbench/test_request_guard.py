@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import gzip
+import re
+import socket
+from pathlib import Path
+from tempfile import gettempdir
+from time import monotonic, sleep
 from urllib.parse import urlsplit
 
 import pytest
 
-from tests.truewrench.workbench.requests import answer
+from tests.truewrench.workbench.requests import answer, answered
 from truewrench.workbench.server import MOST_PAGES
 
 
@@ -61,6 +67,52 @@ def test_no_path_leads_to_a_file_of_the_machine(address: str, path: str) -> None
     status, text = answer(address, path)
     assert status in (400, 403, 404)
     assert "root:" not in text
+
+
+@pytest.mark.parametrize("path", ["static/js/%00", "static/%00.js", "%00"])
+def test_a_null_character_is_a_bad_request(address: str, path: str) -> None:
+    status, text = answer(address, path)
+    assert (status, text.count("\n")) == (400, 1)
+
+
+@pytest.mark.parametrize("path", ["", "static/js/bokeh.min.js", "static/none.js", "/wrong-token/", "static/js/%00"])
+def test_every_answer_refuses_frames_and_referrers(address: str, path: str) -> None:
+    response, _ = answered(address, path)
+    assert response.headers["Content-Security-Policy"] == "frame-ancestors 'none'"
+    assert response.headers["Referrer-Policy"] == "no-referrer"
+
+
+def test_no_log_holds_the_token(address: str, caplog: pytest.LogCaptureFixture) -> None:
+    with caplog.at_level("DEBUG"):
+        assert answer(address, "static/none.js")[0] == 404
+        assert answer(address, "upload", "POST")[0] == 403
+    lines = [record.getMessage() for record in caplog.records if record.name.startswith("tornado")]
+    assert any("/TOKEN/static/none.js" in line for line in lines)
+    assert not [line for line in lines if urlsplit(address).path.strip("/") in line]
+
+
+def test_a_refused_upload_leaves_no_file(address: str) -> None:
+    """An archive that is none is refused after it came, and one that never comes whole goes with its connection."""
+    page = re.search(r'data-page="([^"]+)"', answer(address)[1])
+    assert page is not None
+    name, broken = f"{page[1]}.csv.gz", gzip.compress(bytes(2000))[:-8]
+    headers = {"X_Page": page[1], "X_Name": name, "Content_Length": str(len(broken))}
+    status, text = answer(address, "upload", "POST", broken.decode("latin-1"), **headers)
+    assert (status, "broken" in text) == (413, True)
+    parts = urlsplit(address)
+    with socket.create_connection((str(parts.hostname), int(parts.port or 0))) as line:
+        head = f"POST {parts.path}upload HTTP/1.1\r\nHost: {parts.netloc}\r\nX-Page: {page[1]}\r\nX-Name: {name}\r\n"
+        line.sendall(f"{head}Content-Length: 1000\r\n\r\nhalf".encode())
+        assert _comes_to(True, name)
+    assert _comes_to(False, name)
+
+
+def _comes_to(expected: bool, name: str) -> bool:
+    """Whether, within ten seconds, a file of that name is in a page's folder, or none is."""
+    until = monotonic() + 10
+    while any(Path(gettempdir()).glob(f"truewrench-*/*/{name}")) is not expected and monotonic() < until:
+        sleep(0.01)
+    return any(Path(gettempdir()).glob(f"truewrench-*/*/{name}")) is expected
 
 
 def test_a_link_of_another_page_may_open_the_address(address: str) -> None:

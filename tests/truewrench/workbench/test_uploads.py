@@ -59,6 +59,14 @@ def test_size_and_number_are_bounded(folder: UploadFolder) -> None:
         folder.require_room(1)
 
 
+def test_what_is_not_kept_counts_while_it_is_there(folder: UploadFolder) -> None:
+    path = folder.place("coming.csv")[1]
+    path.write_bytes(bytes(1000))
+    assert folder.bytes == 1000
+    folder.discard(path)
+    assert (folder.bytes, path.exists()) == (0, False)
+
+
 @pytest.mark.parametrize("packing", ["zip", "gzip"])
 def test_an_archive_that_unpacks_to_too_much_is_refused(tmp_path: Path, packing: str) -> None:
     """60 MB of zeros in 60 kB: by its ratio, whatever the archive says of itself."""
