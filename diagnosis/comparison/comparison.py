@@ -334,7 +334,7 @@ class Comparison(Tabular):
 
     @property
     def errors(self) -> tuple[Value, ...]:
-        """Systematic error of each channel, reduced chi-square and lack of fit: `size_columns` and `MEASURES`."""
+        """Systematic error of each channel, reduced chi-square and lack of fit, under `size_columns` and `MEASURES`."""
         cells = (self.systematic_cell(channel) for channel in self.recording.channels)
         return (*cells, self.misfit, self.lack_of_fit_cell)
 
