@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 from threading import Thread
@@ -133,7 +134,7 @@ def test_workers_find_what_one_process_finds(bench: Path, one: Executor, tmp_pat
         assert loudest.systematic_after is not None
         assert loudest.systematic_after < 0.1 * loudest.systematic_before
     assert nan.error.startswith("column q3 is nan at row 9; ")
-    assert missing.error.startswith("No such file or directory; ")
+    assert missing.error.startswith("cannot be read: No such file or directory; ")
     assert empty.error.startswith("the file is empty; ")
     assert [nan.verdict, missing.verdict, empty.verdict] == [None] * 3
     assert stored(tmp_path) == 4  # all but the missing one, which may appear
@@ -486,8 +487,9 @@ def test_an_interrupt_while_workers_start_is_quiet(delay: float, bench: Path, tm
     """As of a terminal, for every process of the group, so many seconds after the first worker's was begun."""
     argv = ["survey", str(bench / "nan.csv"), str(bench / "empty.csv"), "--out", str(tmp_path / "out")]
     client = subprocess.Popen(
-        [sys.executable, "-m", "truewrench", *argv], stderr=subprocess.PIPE, text=True, start_new_session=True
-    )
+        [sys.executable, "-m", "truewrench", *argv], stderr=subprocess.PIPE, text=True, start_new_session=True,
+        preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),  # which a shell's background has ignored
+    )  # fmt: skip
     while client.poll() is None and not any("spawn_main" in name for name in _commands_below(client.pid)):
         sleep(0.002)
     sleep(delay)
