@@ -123,15 +123,20 @@ class Case:
         if reading.mistake:
             corrected = [recording.with_readings(recording.wrench / reading.factors) for recording in several]
             return replace(Case._as_read(given, corrected, count), reading=adopted)
-        direction = reading.gravity or self.model.gravity_direction
-        model = given if direction is None else _on_base(given, direction)
-        model = model.with_arm(next((r.arm for r in several if r.arm is not None), None))
+        model = self.model  # with the tilt that is fitted beside a direction of gravity
+        if reading.gravity is not None:
+            upward = _on_base(given, reading.gravity)
+            model = upward.with_arm(next((r.arm for r in several if r.arm is not None), None))
         model = replace(model, convention=reading.convention, mounting=reading.turn)
-        recordings = [_with_decided_motion(_recording_on_base(r, direction), model) for r in several]
+        mounted = [_recording_on_base(recording, model.gravity_direction) for recording in several]
+        recordings = tuple(_with_decided_motion(recording, model) for recording in mounted)
         sign = None
         if given.convention is Convention.AUTO:
             sign = SignDecision(reading.convention, shown.mass, np.array(reading.turn, dtype=np.float64))
-        return Case(model, tuple(recordings[:count]), tuple(recordings[count:]), sign, self.gravity, reading=adopted)
+        return replace(
+            self, model=model, recordings=recordings[:count], held_out=recordings[count:], sign=sign, doubted=None,
+            reading=adopted,
+        )  # fmt: skip
 
     @classmethod
     def _upright(cls, model: WrenchModel, several: Sequence[Recording], count: int) -> Case:

@@ -257,7 +257,7 @@ class DoubtedReading:
         convention = f'convention = "{self.reading.convention.value}" under [sensor]'
         statements = {
             "gravity_direction": f"gravity_direction = {self.value} under [robot] and {convention} of the rig",
-            "sensor_turned": f"{convention} of the rig, or turn the wrench into the axes of the pose",
+            "sensor_turned": "turn the wrench into the axes of the pose",
             "wrench_sign": f"{convention} of the rig",
             "torque_unit": f'units = {{ torque = "{self.reading.detail}" }} in a map, or --read torque_unit',
             "force_unit": 'units = { force = "..", torque = ".." } in a map',

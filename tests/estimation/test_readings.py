@@ -16,6 +16,7 @@ from diagnosis.study import study
 from diagnosis.verdict_rule import RecordVerdict
 from estimation import readings as module
 from estimation.case import Case
+from estimation.fit import fit_case
 from estimation.readings import RankedReading, RigidRows, axes_readings
 from estimation.recordings.recording import Recording
 from modeling.chain.model import spatial
@@ -223,3 +224,15 @@ def test_a_study_says_it_and_its_diagnosis_looks_for_no_physics() -> None:
     diagnosis = begun.diagnose()
     assert (diagnosis.verdict, diagnosis.added, diagnosis.findings) == (RecordVerdict.UNEXPLAINED, (), ())
     assert diagnosis.remarks()[0] == begun.reading.sentence
+
+
+def test_a_turned_sensor_is_adopted_beside_a_stated_sign() -> None:
+    """Half a turn about x: y and z of forces and torques have the other sign, and no statement is contradicted."""
+    frame = mistaken(run(9, repeats=3), ("fy", "fz", "ty", "tz"), -1.0)
+    case = Case.of(spatial(Rig(sensor=SensorDescription(convention=Convention.ON_TOOL))), [recording_of(frame)])
+    assert case.reading is not None
+    assert (case.reading.id, case.reading.adopted, case.misread) == ("sensor_turned", True, False)
+    np.testing.assert_array_equal(case.model.mounting, np.diag([1, -1, -1]))
+    assert case.model.convention is Convention.ON_TOOL
+    fitted = fit_case(case)
+    assert abs(fitted["m"].value - RIG.mass) < 5 * fitted["m"].std
