@@ -53,7 +53,7 @@ from modeling.significance import LEVELS
 from modeling.table import Column, Table, Tabular
 
 if TYPE_CHECKING:
-    from estimation.readings import DoubtedReading
+    from estimation.readings.doubted_reading import DoubtedReading
 
 
 # Verdict rules on the recordings as a whole.
@@ -164,7 +164,7 @@ class Diagnosis(Tabular):
     tilt_fitted   whether the model has `gravity_tilt` for that direction alone, and was not given with it
     given_alternatives  other effects that fit as well, or better, in the place of a given one
     rows_left_out  rows outside the whole repeats that were cut from logs, which the verdict is about only as a whole
-    reading       another reading of the recordings that is shown: adopted, or proposed and then no effect is looked for
+    readings      other readings of the recordings that are shown: adopted, or proposed and then no effect is looked for
     """
 
     model: WrenchModel
@@ -179,7 +179,7 @@ class Diagnosis(Tabular):
     gravity: GravityEstimate | None = None
     given_alternatives: tuple[GivenAlternative, ...] = ()
     rows_left_out: tuple[RowsLeftOut, ...] = ()
-    reading: DoubtedReading | None = None
+    readings: tuple[DoubtedReading, ...] = ()
     tilt_fitted: bool = False
 
     @property
@@ -260,8 +260,8 @@ class Diagnosis(Tabular):
         alternatives = [alternative.sentence for alternative in self.given_alternatives]
         gravity = [] if self.gravity is None else [self.gravity.sentence]
         unexplained = [f"residual: {self.unexplained.where}"] if self.unexplained else []
-        reading = [] if self.reading is None else [self.reading.sentence]
-        return [*reading, *alternatives, *gravity, *map(str, self.disturbances), *unexplained]
+        readings = [doubted.sentence for doubted in self.readings]
+        return [*readings, *alternatives, *gravity, *map(str, self.disturbances), *unexplained]
 
     def printed(self) -> list[Table | str]:
         """Verdict, comparison with the first recording, candidate effects."""
@@ -294,7 +294,7 @@ class Diagnosis(Tabular):
             "unexplained": None if self.unexplained is None else unexplained_data(self.unexplained),
             "calibration": None if self.calibration is None else self.calibration.to_data(),
         }
-        data["readings"] = [] if self.reading is None else [self.reading.to_data()]
+        data["readings"] = [doubted.to_data() for doubted in self.readings]
         data |= {} if self.gravity is None else {"gravity": self.gravity.to_data()}
         data |= {"rows": [rows.to_data() for rows in self.rows_left_out]} if self.rows_left_out else {}
         plain: dict[str, Any] = finite(data)
@@ -479,15 +479,16 @@ def _diagnosed(
     unexplained = None
     if verdict in (RecordVerdict.UNEXPLAINED, RecordVerdict.PARTLY_EXPLAINED):
         unexplained = _unexplained(steps[-1], outcome.tolerance, outcome.rows_left_out)
-        if case.reading is not None and case.misread:
-            unexplained = replace(unexplained, where=case.reading.sentence)
+        if case.misread:
+            sentences = [doubted.sentence for doubted in case.readings if not doubted.adopted]
+            unexplained = replace(unexplained, where=" ".join(sentences))
     zero_shift_of_held_out, disturbances = outcome.zero_shift, outcome.disturbances
     final.cache.forget()
     return Diagnosis(
         final.fit.model, verdict, steps, findings, zero_shift_of_held_out, disturbances, outcome.tolerance, unexplained,
         gravity=case.with_fitted_gravity(final.fit.model, outcome.fit.values).gravity,
         given_alternatives=alternatives, rows_left_out=outcome.rows_left_out,
-        reading=case.reading, tilt_fitted=case.tilt_fitted,
+        readings=case.readings, tilt_fitted=case.tilt_fitted,
     )  # fmt: skip
 
 

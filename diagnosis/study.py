@@ -47,7 +47,7 @@ from modeling.significance import LEVELS
 from modeling.table import Column, Table, Tabular
 
 if TYPE_CHECKING:
-    from estimation.readings import DoubtedReading
+    from estimation.readings.doubted_reading import DoubtedReading
 
 START = "rigid tool"
 MOST_MAPS = 6
@@ -135,8 +135,8 @@ class Study(Tabular):
         The suspects.
     progress : callable, optional
         Called with one line of text at each stage; by default silent.
-    reading : DoubtedReading, optional
-        Another reading of the recordings that is shown; by default none.
+    readings : tuple of DoubtedReading, optional
+        Other readings of the recordings that are shown; by default none.
     tilt_fitted : bool, optional
         Whether the model has `gravity_tilt` for the direction of gravity alone; by default not.
 
@@ -162,10 +162,10 @@ class Study(Tabular):
         held_out: Sequence[HeldOut],
         candidates: Sequence[Effect],
         progress: Progress = silent,
-        reading: DoubtedReading | None = None,
+        readings: tuple[DoubtedReading, ...] = (),
         tilt_fitted: bool = False,
     ) -> None:
-        self._held_out, self._progress, self.reading = tuple(held_out), progress, reading
+        self._held_out, self._progress, self.readings = tuple(held_out), progress, readings
         self._tilt_fitted = tilt_fitted
         self._candidates = {effect.id: effect for effect in candidates}
         self._cache = ScreeningCache()
@@ -301,7 +301,7 @@ class Study(Tabular):
         What the model has is given and stays. `workers` is without effect, as in `diagnose`.
         """
         held_out = tuple(h.recording for h in self._held_out)
-        case = Case(self.model, self.fit.recordings, held_out, reading=self.reading, tilt_fitted=self._tilt_fitted)
+        case = Case(self.model, self.fit.recordings, held_out, readings=self.readings, tilt_fitted=self._tilt_fitted)
         diagnosis = diagnose_case(case, effects=tuple(self._candidates.values()), progress=self._progress)
         for step in diagnosis.steps[1:]:
             self.steps = (*self.steps, StudyStep(f"+ {step.effect}", step.fit, step.training, step.validation))
@@ -328,10 +328,10 @@ class Study(Tabular):
     def remarks(self) -> list[str]:
         """What the current model is, and which recordings it does not fit."""
         failing = self.steps[-1].misfitting
-        reading = [] if self.reading is None else [self.reading.sentence]
+        readings = [doubted.sentence for doubted in self.readings]
         fits = [f"does not fit {', '.join(failing)}"] if failing else []
         return [
-            *reading,
+            *readings,
             *fits,
             f"model: {' + '.join([START, *self.effects])}; worst channel, systematic error with repeats, else rms",
         ]
@@ -439,7 +439,7 @@ def study_case(case: Case, *, effects: Sequence[Effect] | None = None, progress:
     fitted = fit_case(case, start=model_initial_values(case) if case.model.effects else None)
     held_out = [HeldOut(r, n) for r, n in zip(case.held_out, case.held_out_noise, strict=True)]
     candidates = catalogue(fitted.model.space) if effects is None else effects
-    return Study(fitted, held_out, candidates, progress, case.reading, case.tilt_fitted)
+    return Study(fitted, held_out, candidates, progress, case.readings, case.tilt_fitted)
 
 
 def _require_order(model: object, recordings: object) -> None:

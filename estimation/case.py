@@ -32,7 +32,8 @@ from modeling.rig import Convention, Rig
 from modeling.space import Space
 
 if TYPE_CHECKING:
-    from estimation.readings import DoubtedReading
+    from estimation.readings.decision import ShownReading
+    from estimation.readings.doubted_reading import DoubtedReading
 
 Array = NDArray[np.float64]
 
@@ -51,7 +52,7 @@ class Case:
     sign        decision on the sign convention from the data; None where it is stated
     gravity     direction of gravity in base axes where the data decided it; None where it is stated, or points down
     doubted     another direction than down that the data suggest, and that is not applied; None where they do not
-    reading     another reading of the axes that is shown, adopted or proposed; None where the recordings fit as read
+    readings    other readings that are shown, adopted or proposed; none where the recordings fit as read
     tilt_fitted  whether the model has `gravity_tilt` for the direction of gravity alone, as it was not given with it
     """
 
@@ -61,7 +62,7 @@ class Case:
     sign: SignDecision | None = None
     gravity: GravityEstimate | None = None
     doubted: GravityEstimate | None = None
-    reading: DoubtedReading | None = None
+    readings: tuple[DoubtedReading, ...] = ()
     tilt_fitted: bool = False
 
     @classmethod
@@ -82,8 +83,8 @@ class Case:
         tool. Where a cable on the tool explains the readings as well, gravity stays down. A sign convention AUTO is
         decided from the weight in the readings.
 
-        In six axes another reading may be shown than that (`estimation/readings.py`). It is adopted where it changes
-        nothing that was stated: gravity that points up, a sensor that is turned. A mistake in the log, as a sign of the
+        Another reading may be shown than that (`estimation/readings/`). It is adopted where it changes nothing that was
+        stated: gravity that points up, in six axes a sensor that is turned. A mistake in the log, as a sign of the
         torques, is a matter of what its author meant: it is proposed, and adopted if its id is among `read`. With
         `as_read` no reading is doubted.
 
@@ -94,48 +95,51 @@ class Case:
         check_channels(model, recordings)
         for recording in held_out:
             require_channels(recording, model)
-        if as_read or model.space is Space.PLANE:
+        if as_read:
             return cls._as_read(model, several, len(recordings))
-        from estimation.readings import doubted_reading  # of recordings in memory, which a streamed fit has not
+        from estimation.readings.decision import shown_reading  # of recordings in memory, which a streamed fit has not
 
+        undecided: InputError | None = None
         try:
             case = cls._as_read(model, several, len(recordings))
-        except InputError as undecided:
-            if model.convention is not Convention.AUTO:
+        except InputError as error:
+            if model.convention is not Convention.AUTO or model.space is Space.PLANE:
                 raise
+            undecided = error
             case = cls._upright(replace(model, convention=Convention.ON_TOOL), several, len(recordings))
-            shown = doubted_reading((*case.recordings, *case.held_out), case.model)
-            if shown is None or shown.reading.mistake:
-                raise undecided from None
-        else:
-            shown = doubted_reading((*case.recordings, *case.held_out), case.model)
+        shown = shown_reading((*case.recordings, *case.held_out), case.model, model.convention)
+        if undecided is not None and (shown is None or shown.p_value is None):
+            raise undecided from None
         return case if shown is None else case._with_reading(shown, model, several, read)
 
     def _with_reading(
-        self, shown: DoubtedReading, given: WrenchModel, several: Sequence[Recording], read: Collection[str]
+        self, shown: ShownReading, given: WrenchModel, several: Sequence[Recording], read: Collection[str]
     ) -> Case:
         """The case with a reading that is shown, adopted where that contradicts no statement or is asked for."""
-        reading, count = shown.reading, len(self.recordings)
-        contradicts = given.convention not in (Convention.AUTO, reading.convention)
-        if (reading.mistake or contradicts) and (shown.id not in read or shown.p_value is None):
-            return replace(self, reading=shown)
-        adopted = replace(shown, adopted=True)
-        if reading.mistake:
-            corrected = [recording.with_readings(recording.wrench / reading.factors) for recording in several]
-            return replace(Case._as_read(given, corrected, count), reading=adopted)
+        count, of_log = len(self.recordings), shown.is_mistake or given.space is Space.PLANE
+        proposed = of_log or shown.contradicts or shown.p_value is None
+        if proposed and (shown.doubted.id not in read or shown.p_value is None):
+            return replace(self, readings=(shown.doubted,))
+        adopted = replace(shown.doubted, adopted=True)
+        if of_log and shown.motion.gravity is None:
+            mended = [shown.mended(recording) for recording in several]
+            convention = given.convention if given.convention is Convention.AUTO else shown.axes.convention
+            return replace(Case._as_read(replace(given, convention=convention), mended, count), readings=(adopted,))
         model = self.model  # with the tilt that is fitted beside a direction of gravity
-        if reading.gravity is not None:
-            upward = _on_base(given, reading.gravity)
-            model = upward.with_arm(next((r.arm for r in several if r.arm is not None), None))
-        model = replace(model, convention=reading.convention, mounting=reading.turn)
+        if shown.motion.gravity is not None:
+            model = _on_base(replace(given, gravity_direction=None), shown.motion.gravity)
+            model = model.with_arm(next((r.arm for r in several if r.arm is not None), None))
+            several = [r.moved(rig=replace(r.rig or Rig(), gravity_direction=None)) for r in several]
+        model = replace(model, convention=shown.axes.convention)
+        model = model if model.space is Space.PLANE else replace(model, mounting=shown.turn)
         mounted = [_recording_on_base(recording, model.gravity_direction) for recording in several]
         recordings = tuple(_with_decided_motion(recording, model) for recording in mounted)
         sign = None
         if given.convention is Convention.AUTO:
-            sign = SignDecision(reading.convention, shown.mass, np.array(reading.turn, dtype=np.float64))
+            sign = SignDecision(shown.axes.convention, shown.ranked.mass, shown.axes.turn)
         return replace(
             self, model=model, recordings=recordings[:count], held_out=recordings[count:], sign=sign, doubted=None,
-            reading=adopted,
+            readings=(adopted,),
         )  # fmt: skip
 
     @classmethod
@@ -169,7 +173,7 @@ class Case:
     @property
     def misread(self) -> bool:
         """Whether another reading is shown and not adopted: what a fit gives then is no measurement of the tool."""
-        return self.reading is not None and not self.reading.adopted
+        return any(not reading.adopted for reading in self.readings)
 
     @cached_property
     def noise(self) -> tuple[RecordingNoise, ...]:

@@ -61,7 +61,7 @@ def run(arguments: argparse.Namespace) -> None:
         provenance = provenance_of(arguments, *arguments.recordings, *arguments.validate, *inputs)
         return write(diagnosis, data, report_texts(diagnosis, provenance), arguments.out, arguments.report)
 
-    frames = "".join(f"\n\n{sentence}" for sentence in frame_sentences(replace(case, reading=None)))
+    frames = "".join(f"\n\n{sentence}" for sentence in frame_sentences(replace(case, readings=())))
     print_result(arguments, lambda: diagnosis_text(diagnosis) + frames, lambda: data, written)
 
 

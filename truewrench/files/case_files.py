@@ -64,12 +64,14 @@ def rigid_tool_case(
     model = (planar if training[0].dimension == 2 else spatial)(rig)
     case = Case.of(model, training, validation, read=read, as_read=as_read)
     for reading in read:
-        if case.reading is None or reading != case.reading.id:
+        shown = {doubted.id: doubted for doubted in case.readings}
+        if reading not in shown:
             what = f"the recordings do not show the reading {quoted(reading)}"
-            remedy = "leave it out" if case.reading is None else f"they show {case.reading.id}"
-            raise InputError(what=what, where="--read", remedy=remedy)
-        if case.misread:
-            remedy = f"state {case.reading.statement}"
+            raise InputError(
+                what=what, where="--read", remedy=f"they show {', '.join(shown)}" if shown else "leave it out"
+            )
+        if not shown[reading].adopted:
+            remedy = f"state {shown[reading].statement}"
             raise InputError(what=f"nothing says how {reading} is to be read", where="--read", remedy=remedy)
     return case
 
@@ -175,8 +177,8 @@ def convention_data(sign: SignDecision) -> dict[str, Any]:
 def frame_sentences(case: Case, *, detailed: bool = False) -> list[str]:
     """What the data decided of frames: gravity's direction, the sign convention; `detailed`, with its estimates."""
     sentences = [] if case.sign is None else [convention_sentence(case.sign, detailed=detailed)]
-    if case.reading is not None:
-        return [case.reading.sentence, *(sentences if case.reading.adopted else [])]
+    if case.readings:
+        return [*(doubted.sentence for doubted in case.readings), *([] if case.misread else sentences)]
     if case.doubted is not None:
         return [case.doubted.not_applied, *sentences]
     if case.gravity is None:
@@ -187,7 +189,7 @@ def frame_sentences(case: Case, *, detailed: bool = False) -> list[str]:
 def frames_data(case: Case) -> dict[str, Any]:
     """The same as data."""
     gravity = {} if case.gravity is None else {"gravity": case.gravity.to_data()}
-    readings = [] if case.reading is None else [case.reading.to_data()]
+    readings = [doubted.to_data() for doubted in case.readings]
     return gravity | ({} if case.sign is None else {"sign": convention_data(case.sign)}) | {"readings": readings}
 
 
@@ -219,7 +221,7 @@ def _sign_of(recording: Recording) -> list[str]:
         case = Case.of(spatial(rig), [recording])
     except InputError as error:
         return [f"Sign convention: undecided ({error.what}); {error.remedy}."]
-    if case.reading is not None:
-        return [case.reading.sentence]
+    if case.readings:
+        return [doubted.sentence for doubted in case.readings]
     gravity = [] if case.gravity is None else [case.gravity.sentence]
     return [*gravity, *([] if case.sign is None else [convention_sentence(case.sign, detailed=True)])]

@@ -118,7 +118,7 @@ def _sentences(diagnosis: Diagnosis) -> list[str]:
         )
     gravity = [] if diagnosis.gravity is None else [diagnosis.gravity.sentence]
     points = filter(None, map(fixed_point_sentence, diagnosis.findings))
-    reading = [] if diagnosis.reading is None else [diagnosis.reading.sentence]
+    reading = [doubted.sentence for doubted in diagnosis.readings]
     return [*reading, *given_sentences(diagnosis), *gravity, *reductions, *points, *disturbance_sentences(diagnosis)]
 
 

@@ -204,9 +204,9 @@ def disturbance_sentences(diagnosis: Diagnosis) -> list[str]:
 
 def diagnosis_text(diagnosis: Diagnosis) -> str:
     """Verdict, effects added, error after each selection step, evidence, candidates, unexplained residual."""
-    misread = diagnosis.reading is not None and not diagnosis.reading.adopted
+    misread = any(not doubted.adopted for doubted in diagnosis.readings)
     parts = [
-        *([] if diagnosis.reading is None else [diagnosis.reading.sentence]),
+        *(doubted.sentence for doubted in diagnosis.readings),
         verdict_sentence(diagnosis),
         *(_beginning_text(diagnosis, effect) for effect in diagnosis.steps[0].fit.model.effects),
         *(effect_text(f, diagnosis.fit) for f in diagnosis.findings if f.verdict is EffectVerdict.SUPPORTED),

@@ -1,0 +1,241 @@
+"""Decision on readings: whether recordings are read as they were meant, tested before any physics is looked for.
+
+A reading is a hypothesis like an effect: the sign of the torques, an axis that is mirrored, the sense of gravity, the
+convention of an orientation, a unit. It is shown where the residual of the rigid tool is smaller by `LEAST_GAIN` and by
+a test that holds though neither reading is true (Vuong, "Likelihood ratio tests for model selection and non-nested
+hypotheses", 1989), in contiguous blocks, against the recording as read and against every other reading. The scale of
+the noise is that of the readings' differences from sample to sample: a residual would have the mistake in it.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.readings.axes_reading import SIGN_OF, AxesReading, axes_readings
+from estimation.readings.doubted_reading import DoubtedReading
+from estimation.readings.motion_reading import AS_LOGGED, MotionReading, motion_readings
+from estimation.readings.rigid_tool import RankedReading, RigidRows, compared_rows, rigid_derivative
+from estimation.recordings.recording import Recording
+from estimation.recordings.sign_convention import to_sensor_frame
+from modeling.chain.model import ALIGNED_MOUNTING, QuarterTurnRotation, WrenchModel
+from modeling.kinematics.placement import COMPONENTS
+from modeling.rig import Convention
+from modeling.significance import LEVELS
+from modeling.space import Space
+
+Array = NDArray[np.float64]
+
+LEAST_GAIN = 2.0
+"""Ratio of the mean squares of the two residuals: a mistake of the whole recording is most of what the rigid tool
+leaves as read, and what removes less than half of it is left to physics."""
+FEW = 40
+"""Readings with the smallest residuals that are compared sample by sample, the others are too far off to be alike."""
+LARGEST_MASS = 5000.0
+"""kg: twice what the strongest industrial robots carry; a wrist sensor that reads more reads no newtons."""
+UP = {2: (0.0, 1.0), 3: (0.0, 0.0, 1.0)}
+"""Gravity in base axes of a base that hangs, in the plane and in six axes."""
+INERTIA_SIGN = "the inertial forces have the other sign against the weight than they should"
+"""What gravity that points up is where it was stated to point down: m (g + a) is -m (a - g) with gravity turned."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ShownReading:
+    """A reading of recordings that is shown, by the ranked one.
+
+    stated  sign convention as it was given, AUTO if it was not
+    model   a rigid tool's, on the tool, not turned
+    as_read the reading by which they were read
+    p_value that it is as near to the truth; None where nothing but the weight is doubted
+    """
+
+    ranked: RankedReading
+    model: WrenchModel
+    stated: Convention
+    as_read: RankedReading
+    p_value: float | None
+
+    @property
+    def axes(self) -> AxesReading:
+        """How the wrench is read."""
+        return self.ranked.axes
+
+    @property
+    def motion(self) -> MotionReading:
+        """How the motion is read."""
+        return self.ranked.motion
+
+    @property
+    def contradicts(self) -> bool:
+        """Whether another sign convention was stated."""
+        return self.stated not in (Convention.AUTO, self.axes.convention)
+
+    @property
+    def is_mistake(self) -> bool:
+        """Whether the log would be mistaken, not only understood otherwise."""
+        return bool(self.axes.mistake or self.motion.mistake)
+
+    @property
+    def turn(self) -> QuarterTurnRotation:
+        """Of the mounting in six axes."""
+        rows = [tuple(int(number) for number in row) for row in self.axes.turn]
+        return cast(QuarterTurnRotation, tuple(rows))
+
+    def mended(self, recording: Recording) -> Recording:
+        """A recording as it was meant to be logged; gravity and the mounting of a six-axis sensor are the model's."""
+        mended = self.motion.mended(recording)
+        wrench = recording.wrench
+        if self.motion.in_base:
+            wrench = self._in_sensor_axes(recording)
+        elif recording.dimension == 2:
+            wrench = wrench @ np.linalg.inv(self.axes.matrix * SIGN_OF[self.axes.convention]).T
+        else:
+            wrench = wrench @ np.linalg.inv(self.axes.mistaken).T
+        return mended.with_readings(wrench)
+
+    def _in_sensor_axes(self, recording: Recording) -> Array:
+        """Readings (n, 6) along base axes without their zero there, along the sensor's axes."""
+        matrix = SIGN_OF[self.axes.convention] * self.axes.matrix
+        along_base = recording.wrench @ np.linalg.inv(matrix).T
+        predicted = rigid_derivative(recording, self.model, self.motion) @ self.ranked.parameters
+        predicted = SIGN_OF[self.axes.convention] * predicted
+        zero = (along_base[compared_rows(recording)] - predicted).mean(axis=0)
+        to_sensor = to_sensor_frame(np.stack([recording.signals[name] for name in COMPONENTS], axis=1))
+        halves = (along_base - zero).reshape(-1, 2, 3)
+        return np.asarray(np.einsum("nij,nhj->nhi", to_sensor, halves).reshape(-1, 6))
+
+    @cached_property
+    def doubted(self) -> DoubtedReading:
+        """What is said of it."""
+        if self.p_value is None:
+            return DoubtedReading(
+                id="force_unit", meaning="the forces are in other units than N, such as counts", value=None,
+                statement='units = { force = "..", torque = ".." } in a map', mass=self.as_read.mass,
+                before=self._before, after=self._before, applies_to="map",
+                shown_by=f"the tool would weigh {self.as_read.mass:.2g} kg",
+            )  # fmt: skip
+        identity, value, meaning, statement = self._named()
+        return DoubtedReading(
+            id=identity, value=value, meaning=meaning, statement=statement, p_value=self.p_value, mass=self.ranked.mass,
+            before=self._before, after=float(np.sqrt(self.ranked.mean_square)), mends=self.is_mistake,
+            applies_to="map" if "map" in statement else "rig",
+        )  # fmt: skip
+
+    @property
+    def _before(self) -> float:
+        return float(np.sqrt(self.as_read.mean_square))
+
+    def _named(self) -> tuple[str, Any, str, str]:
+        """Id, value, meaning and the line that states it."""
+        axes, motion = self.axes, self.motion
+        of_rig = f'convention = "{axes.convention.value}" under [sensor]'
+        if motion.mistake:
+            line = f"{motion.map_line} in a map, or --read {motion.mistake}" if motion.map_line else ""
+            return motion.mistake, motion.detail or None, motion.meaning, line or f"--read {motion.mistake}"
+        if axes.mistake:
+            unit = f'units = {{ torque = "{axes.detail}" }} in a map, or ' if axes.mistake == "torque_unit" else ""
+            return axes.mistake, axes.detail or None, _meaning(axes), f"{unit}--read {axes.mistake}"
+        if motion.gravity is not None:
+            direction = [int(component) for component in motion.gravity]
+            meaning = f"gravity points along {direction} of the base, the readings being {axes.convention.value}"
+            line = f"gravity_direction = {direction} under [robot] and {of_rig} of the rig"
+            return "gravity_direction", direction, meaning, line
+        if not axes.is_turned:
+            return (
+                "wrench_sign",
+                axes.convention.value,
+                f"the readings are {axes.convention.value}",
+                f"{of_rig} of the rig",
+            )
+        turn = [[int(number) for number in row] for row in axes.turn]
+        if self.contradicts and (swapped := _exchanged(-axes.turn)):
+            return *swapped, f"--read {swapped[0]}"
+        meaning = "the sensor is turned by quarter turns against the axes of the pose"
+        return "sensor_turned", turn, meaning, "turn the wrench into the axes of the pose"
+
+
+def _meaning(axes: AxesReading) -> str:
+    """What a mistake with the columns means, as a clause."""
+    columns = "fx, fy, fz" if axes.detail.startswith("f") else "tx, ty, tz"
+    return {
+        "torque_unit": f"the torques are in {axes.detail}, the forces in N",
+        "torque_sign": "the torques have the other sign than the forces",
+        "force_axis_mirrored": f"the force along {axes.detail} has the other sign",
+        "torque_axis_mirrored": f"the torque about {axes.detail} has the other sign",
+        "axes_permuted": f"the columns {columns if len(axes.turn) == 3 else 'fx, fy'} hold {axes.detail}",
+    }[axes.mistake]
+
+
+def _exchanged(matrix: Array) -> tuple[str, str, str] | None:
+    """Id, value and meaning of columns of forces and torques alike that are exchanged or mirrored; else None.
+
+    That is what a sensor mounted turned is like, with readings of the other sign.
+    """
+    axes = "xyz"[: len(matrix)]
+    if np.array_equal(np.abs(matrix), np.eye(len(matrix))) and (matrix < 0).sum() == 1:
+        axis = axes[int(np.argmin(np.diag(matrix)))]
+        return "force_axis_mirrored", axis, f"force and torque along {axis} have the other sign"
+    if (matrix >= 0).all():
+        order = ", ".join(axes[int(place)] for place in matrix.argmax(axis=1))
+        return "axes_permuted", order, f"the columns of forces and of torques are in the order {order}"
+    return None
+
+
+def shown_reading(recordings: Sequence[Recording], model: WrenchModel, stated: Convention) -> ShownReading | None:
+    """The reading that is shown against how the recordings are read by a model, whose frames are decided; else None.
+
+    `stated` is the sign convention as it was given, AUTO if it was not.
+    """
+    base = replace(
+        model.base, convention=Convention.ON_TOOL, mounting=ALIGNED_MOUNTING, gravity_direction=None, arm=None
+    )
+    up = UP[model.space.value]
+    stood = model.gravity_direction is not None
+    hangs = MotionReading(gravity=up, mistake="inertia_sign" if stood else "", meaning=INERTIA_SIGN if stood else "")
+    others = [hangs] if model.gravity_direction in (None, tuple(-c + 0.0 for c in up)) else []
+    others += [m for m in motion_readings(model.space.value) if all(m.applies_to(r) for r in recordings)]
+    every = [
+        RankedReading(axes, rows)
+        for rows in (RigidRows.of(recordings, base, motion) for motion in (AS_LOGGED, *others))
+        for axes in axes_readings(model.channels)
+        if not (axes.mistake and rows.motion.mistake)
+    ]
+    as_read = next(r for r in every if _is_as_read(r, model))
+    ranked = sorted((r for r in every if r.mass > 0), key=lambda r: (r.mean_square, _cost(r, stated)))[:FEW]
+    shown = partial(ShownReading, model=base, stated=stated, as_read=as_read)
+    if not ranked or ranked[0].mean_square * LEAST_GAIN > as_read.mean_square:
+        # Of counts every ratio is right, and the weight is no tool's.
+        return None if abs(as_read.mass) < LARGEST_MASS else shown(ranked=as_read, p_value=None)
+    of_cost = Counter(_cost(r, stated) for r in every)
+
+    def tried(reading: RankedReading) -> int:
+        """Each cost has its share of the level, and shares it among its readings: a simple one is no surprise."""
+        return len(of_cost) * of_cost[_cost(reading, stated)]
+
+    alike = [r for r in ranked if r.p_value_against(ranked[0], tried(ranked[0])) > LEVELS.misread]
+    simplest = min(alike, key=lambda r: _cost(r, stated))
+    p_value = as_read.p_value_against(simplest, tried(simplest))
+    equals = sum(_cost(r, stated) == _cost(simplest, stated) for r in alike)
+    return shown(ranked=simplest, p_value=p_value) if equals == 1 and p_value <= LEVELS.misread else None
+
+
+def _cost(ranked: RankedReading, stated: Convention) -> tuple[bool, bool, bool, bool]:
+    """A mistake, a mounting that is turned, gravity that points up, another sign than stated: the simplest reading has
+    the least."""
+    axes, motion = ranked.axes, ranked.motion
+    contradicts = stated not in (Convention.AUTO, axes.convention)
+    return (bool(axes.mistake or motion.mistake), axes.is_turned, motion.gravity is not None, contradicts)
+
+
+def _is_as_read(ranked: RankedReading, model: WrenchModel) -> bool:
+    """Whether a model reads the recordings so."""
+    axes = ranked.axes
+    if axes.mistake or ranked.motion is not AS_LOGGED or axes.convention is not model.convention:
+        return False
+    return not axes.is_turned if model.space is Space.PLANE else np.array_equal(axes.turn, np.array(model.mounting))

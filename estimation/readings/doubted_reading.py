@@ -1,0 +1,81 @@
+"""Doubted reading: another reading of recordings that the data show, with its evidence and how it is stated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DoubtedReading:
+    """A reading of recordings that is shown, other than the one that they were read by.
+
+    id             what is read otherwise, as FORMATS names it in JSON
+    value          direction, rotation, convention, axis, unit or number; None of what has none
+    meaning        what it means, as a clause
+    statement      the line of a rig or map, or the option, that states it
+    before, after  root mean square of the rigid tool's residual over the noise from sample to sample, as read and in
+                   this reading
+    p_value        that the recording as read is as near to the truth, family-wise over all readings; None of what no
+                   test decides
+    mass           kg, of the tool in this reading
+    adopted        whether the recordings are read so
+    mends          whether it changes what was logged, not only how it is understood
+    applies_to     "rig" or "map", where it is stated
+    shown_by       the evidence as a clause, by default residuals, p-value and mass
+    """
+
+    id: str
+    meaning: str
+    statement: str
+    value: Any = None
+    before: float
+    after: float
+    p_value: float | None = None
+    mass: float | None = None
+    adopted: bool = False
+    mends: bool = True
+    applies_to: str = "rig"
+    shown_by: str = ""
+
+    @property
+    def evidence(self) -> str:
+        """Why it is doubted, as a clause."""
+        if self.shown_by:
+            return self.shown_by
+        mass = "" if self.mass is None else f", with a mass of {self.mass:.4g} kg"
+        p_value = "" if self.p_value is None else f" (p = {self.p_value:.1g})"
+        return (
+            f"the residual of the rigid tool is {self.after:.2g} times the noise from sample to sample then, and"
+            f" {self.before:.2g} times as read{p_value}{mass}"
+        )
+
+    @property
+    def sentence(self) -> str:
+        """What is doubted, the evidence, and how it is stated."""
+        if self.adopted and self.mends:
+            return (
+                f"Read so that {self.meaning}: {self.evidence}. `compensate` and `compare` take a log as it stands:"
+                " mend it for them."
+            )
+        if self.adopted:
+            return (
+                f"Read so that {self.meaning}: {self.evidence}. To state it: {self.statement}; --as-read prevents it."
+            )
+        return (
+            f"The recording seems to be read wrongly: {self.meaning}; {self.evidence}."
+            f" If it is so, apply it with {self.statement}; if not, --as-read takes the recording as it is."
+        )
+
+    def to_data(self) -> dict[str, Any]:
+        """As plain data."""
+        return {
+            "id": self.id,
+            "adopted": self.adopted,
+            "value": self.value,
+            "statement": self.statement,
+            "p_value": self.p_value,
+            "misfit": [self.before**2, self.after**2],
+            "applies_to": self.applies_to,
+            "sentence": self.sentence,
+        }

@@ -1,0 +1,201 @@
+"""Motion reading: what a logged orientation, its axes and its units may have been meant as.
+
+Each is a change of the motion sample by sample, with its derivatives in closed form or by expansion about the sample:
+no series is smoothed again to try it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from math import pi
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from estimation.recordings.motion import QUATERNION, MotionForm, numbered_names
+from estimation.recordings.recording import Recording
+from modeling.kinematics.placement import Direction, base_angle, base_placement
+from modeling.rig import Rig
+
+Array = NDArray[np.float64]
+
+STEP = 1e-3
+"""s, over which a rotation is expanded to second order about a sample: its third order is a millionth of the second's
+at 1 rad/s, and rounding a billionth of it."""
+ROTATIONS: dict[int, dict[int, tuple[str, ...]]] = {
+    2: {0: ("phi",), 1: ("dphi",), 2: ("ddphi",)},
+    3: {1: ("wx", "wy", "wz"), 2: ("alx", "aly", "alz")},
+}
+"""Signals of a rotation in the plane and in six axes, by their order in time; quaternions have no unit."""
+TRANSLATIONS: dict[int, dict[int, tuple[str, ...]]] = {
+    2: {0: ("px", "py"), 1: ("vx", "vy"), 2: ("ax", "ay")},
+    3: {0: ("px", "py", "pz"), 1: ("vpx", "vpy", "vpz"), 2: ("apx", "apy", "apz")},
+}
+"""The same of a translation."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MotionReading:
+    """How the motion was meant; by default as it was logged.
+
+    mistake      id of what would be mistaken, empty for none; `detail` the unit or the convention
+    meaning      what it means, as a clause; `map_line` states it in a map
+    orientation  from the sensor's orientation in the base as it was read to what was meant, sample by sample
+    gravity      direction of gravity in base axes; None as the model has it
+    length, time, angle  factors from what was logged to m, s and, in the plane, rad clockwise
+    in_base      whether the readings are along base axes
+    """
+
+    mistake: str = ""
+    detail: str = ""
+    meaning: str = ""
+    map_line: str = ""
+    orientation: Callable[[Rotation], Rotation] | None = None
+    gravity: Direction | None = None
+    length: float = 1.0
+    time: float = 1.0
+    angle: float = 1.0
+    in_base: bool = False
+
+    def applies_to(self, recording: Recording) -> bool:
+        """Whether the recording has what would be mistaken."""
+        if self.orientation is not None:
+            return recording.form is MotionForm.POSE
+        if self.angle != 1:
+            return recording.form is MotionForm.PLANAR_POSE
+        if self.length != 1:
+            translation = (name for names in TRANSLATIONS[recording.dimension].values() for name in names)
+            moves = any(name in recording.columns for name in translation)
+            return moves and recording.form is not MotionForm.JOINTS and not recording.at_rest
+        return self.time == 1 or not recording.at_rest
+
+    def signals(self, recording: Recording, every: slice) -> Mapping[str, Array]:
+        """Inputs of a model (m,) by name as they were meant, of some samples."""
+        if self.gravity is not None:
+            recording = recording.moved(rig=replace(recording.rig or Rig(), gravity_direction=self.gravity))
+        signals = {name: series[every] for name, series in recording.signals.items()}
+        direction = None if recording.rig is None else recording.rig.gravity_direction
+        if self.orientation is not None:
+            base = (
+                Rotation.identity() if direction is None else Rotation.from_quat(base_placement(direction).quaternion)
+            )
+            signals |= _reoriented(signals, self.orientation, base)
+        scaled = self._scaled(signals, recording.dimension)
+        if self.angle != 1 and direction is not None:
+            scaled["phi"] += (1 - self.angle) * base_angle(direction)
+        return signals | scaled
+
+    def mended(self, recording: Recording) -> Recording:
+        """The recording with the motion as it was meant; its readings stay."""
+        columns = dict(recording.columns)
+        if self.orientation is not None:
+            logged = Rotation.from_quat(np.stack([columns[name] for name in QUATERNION], axis=1))
+            columns |= dict(zip(QUATERNION, self.orientation(logged).as_quat().T, strict=True))
+            # Rates that were logged are along the axes of the orientation as it was read.
+            for names in ROTATIONS[3].values():
+                columns = {name: column for name, column in columns.items() if name not in names}
+        columns |= self._scaled(columns, recording.dimension)
+        for order, prefix in enumerate(("q", "dq", "ddq")):
+            rates = {name: columns[name] for name in numbered_names(prefix, recording.joints) if name in columns}
+            columns |= {name: rate * self.time**-order for name, rate in rates.items()}
+        time = None if recording.time is None else recording.time * self.time
+        return recording.moved(columns=columns, time=time)
+
+    def _scaled(self, columns: Mapping[str, Array], dimension: int) -> dict[str, Array]:
+        """The columns or signals of a motion that have other units, in m, s and rad."""
+        units = ((ROTATIONS[dimension], self.angle), (TRANSLATIONS[dimension], self.length))
+        factors = {
+            name: unit * self.time**-order
+            for series, unit in units
+            for order, names in series.items()
+            for name in names
+        }
+        return {name: columns[name] * factor for name, factor in factors.items() if factor != 1 and name in columns}
+
+
+def _reoriented(
+    signals: Mapping[str, Array], meant: Callable[[Rotation], Rotation], base: Rotation
+) -> dict[str, Array]:
+    """Orientation (n,) of each component, with its rates along the sensor's axes, as it was meant.
+
+    `base` is the rotation from base axes to the world.
+    """
+    omega, alpha = (np.stack([signals[name] for name in names], axis=1) for names in ROTATIONS[3].values())
+    read = base.inv() * Rotation.from_quat(np.stack([signals[name] for name in QUATERNION], axis=1))
+    turns = (Rotation.from_rotvec(h * omega + h**2 / 2 * alpha) for h in (0.0, STEP, -STEP))
+    now, later, before = (meant(read * turn) for turn in turns)
+    forward, backward = ((now.inv() * other).as_rotvec() for other in (later, before))
+    rates = ((forward - backward) / (2 * STEP), (forward + backward) / STEP**2)
+    series = zip((QUATERNION, *ROTATIONS[3].values()), ((base * now).as_quat(), *rates), strict=True)
+    return {name: vector[:, i] for names, vector in series for i, name in enumerate(names)}
+
+
+# ------------------------------------------------------------------------------------------- what people mistake
+
+
+def _inverse(rotation: Rotation) -> Rotation:
+    return rotation.inv()
+
+
+def _rolled(by: int) -> Callable[[Rotation], Rotation]:
+    return lambda rotation: Rotation.from_quat(np.roll(rotation.as_quat(), by, axis=-1))
+
+
+def _about_fixed_axes(rotation: Rotation) -> Array:
+    """Angles (n, 3) about fixed x, y, z in this order, as roll, pitch and yaw are."""
+    m = rotation.as_matrix()
+    pitch = -np.arcsin(np.clip(m[:, 2, 0], -1.0, 1.0))
+    return np.stack([np.arctan2(m[:, 2, 1], m[:, 2, 2]), pitch, np.arctan2(m[:, 1, 0], m[:, 0, 0])], axis=1)
+
+
+def _fixed_read_as_moving(rotation: Rotation) -> Rotation:
+    """The inverse of a rotation by moving axes is one by fixed axes with the negative angles."""
+    return Rotation.from_euler("xyz", -_about_fixed_axes(rotation.inv()))
+
+
+def _moving_read_as_fixed(rotation: Rotation) -> Rotation:
+    return Rotation.from_euler("XYZ", _about_fixed_axes(rotation))
+
+
+AS_LOGGED = MotionReading()
+"""The motion as it was read."""
+UNITS = (
+    *(
+        MotionReading(mistake="length_unit", detail=unit, length=factor, meaning=f"the position is in {unit}",
+                      map_line=f'units = {{ position = "{unit}" }}')
+        for unit, factor in (("mm", 1e-3), ("cm", 1e-2), ("in", 0.0254), ("ft", 0.3048))
+    ),
+    *(
+        MotionReading(mistake="time_unit", detail=unit, time=factor, meaning=f"the time is in {unit}",
+                      map_line=f'units = {{ time = "{unit}" }}')
+        for unit, factor in (("ms", 1e-3), ("us", 1e-6))
+    ),
+)  # fmt: skip
+PLANAR = (
+    MotionReading(mistake="orientation_inverse", angle=-1.0, meaning="phi is counted counterclockwise"),
+    MotionReading(mistake="angle_unit", detail="deg", angle=pi / 180, map_line='units = { angle = "deg" }',
+                  meaning="phi is in degrees"),
+)  # fmt: skip
+SPATIAL = (
+    MotionReading(mistake="orientation_inverse", orientation=_inverse, map_line='orientation_of = "base"',
+                  meaning="the orientation is that of the base in the sensor"),
+    MotionReading(mistake="orientation_order", detail="wxyz", orientation=_rolled(-1),
+                  map_line='orientation = "wxyz"', meaning="the quaternion is w x y z"),
+    MotionReading(mistake="orientation_order", detail="xyzw", orientation=_rolled(1),
+                  map_line='orientation = "xyzw"', meaning="the quaternion is x y z w"),
+    MotionReading(mistake="wrench_axes", detail="base", in_base=True, map_line='wrench_axes = "base"',
+                  meaning="forces and torques are along base axes"),
+    *(
+        MotionReading(mistake="euler_convention", detail=meant, orientation=mended,
+                      map_line=f'orientation = "euler {meant}"',
+                      meaning=f"the angles are about {axes} axes, in the order {meant}")
+        for meant, axes, mended in (("xyz", "fixed", _fixed_read_as_moving), ("XYZ", "moving", _moving_read_as_fixed))
+    ),
+)  # fmt: skip
+
+
+def motion_readings(dimension: int) -> tuple[MotionReading, ...]:
+    """The mistakes with a motion in the plane or in six axes; as it was read is none."""
+    return (*UNITS, *(PLANAR if dimension == 2 else SPATIAL))

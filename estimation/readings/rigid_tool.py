@@ -1,0 +1,180 @@
+"""Rigid tool: the residual that the whole rigid tool leaves of recordings, in closed form for every reading of them.
+
+A reading says that the logged wrench is M times what the rigid tool predicts, M a matrix of signs, order and units. As
+noise is as large in all axes of the force and of the torque, A = W M D, with D the derivative of the prediction and W
+the inverse std, has the same A'A for every M of one unit; A' times the readings is a sum over the entries of M. The
+tool is whole, with its torques and inertia: mass, first moment and inertia have to agree in a reading.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimation.multiplicity import student_sf
+from estimation.readings.axes_reading import AxesReading
+from estimation.readings.motion_reading import MotionReading
+from estimation.recordings.recording import Recording
+from estimation.recordings.sign_convention import to_sensor_frame
+from modeling.chain.model import WrenchModel
+from modeling.chain.prediction import compiled_prediction
+from modeling.kinematics.placement import COMPONENTS
+
+Array = NDArray[np.float64]
+
+MOST_ROWS = 2000
+"""Rows of a recording that are compared: a tool's weight needs no more, and all readings take some milliseconds."""
+BLOCKS = 10
+"""Contiguous blocks in which two readings are compared: each as long as the motion's correlation, enough for a std."""
+MEDIAN_SQUARE = 0.4549
+"""Median of the square of a normal deviate, in which jumps of a contact hardly count."""
+SMALLEST_STD = 1e-9
+"""N or N m, of readings without noise, so that they can be divided by it."""
+RANK_TOLERANCE = 1e-10
+"""Of the largest singular value of the normal matrix: a parameter that the motion does not excite has no column."""
+
+
+@dataclass(frozen=True, eq=False)
+class RigidRows:
+    """Readings (n, p) of recordings, and the derivative (n, p, k) of the wrench that a rigid tool predicts.
+
+    Both are over the noise from sample to sample, and about their means in each recording.
+    """
+
+    motion: MotionReading
+    readings: Array
+    derivative: Array
+
+    @classmethod
+    def of(cls, recordings: Sequence[Recording], model: WrenchModel, motion: MotionReading) -> RigidRows:
+        """Of every recording no more than `MOST_ROWS`; the model is a rigid tool's, on the tool, not turned."""
+        std = noise_from_sample_to_sample(recordings)
+        derivatives = [_centred(rigid_derivative(r, model, motion) / std[:, None]) for r in recordings]
+        readings = [_centred(recording.wrench[compared_rows(recording)] / std) for recording in recordings]
+        return cls(motion, np.concatenate(readings), np.concatenate(derivatives))
+
+    @cached_property
+    def power(self) -> float:
+        """Sum of the squared readings."""
+        return float((self.readings**2).sum())
+
+    @cached_property
+    def _normal(self) -> tuple[Array, Array]:
+        """Normal matrices (k, k) of the forces and of the torques."""
+        forces = 2 if self.readings.shape[1] == 3 else 3
+        halves = (self.derivative[:, :forces], self.derivative[:, forces:])
+        force, torque = (np.einsum("nik,nil->kl", half, half) for half in halves)
+        return force, torque
+
+    @cached_property
+    def _inverses(self) -> dict[float, Array]:
+        return {}
+
+    def inverse(self, torque_factor: float) -> Array:
+        """Pseudoinverse (k, k) of the normal matrix where torques are multiplied by a factor."""
+        if torque_factor not in self._inverses:
+            force, torque = self._normal
+            self._inverses[torque_factor] = _inverse(force + torque_factor**2 * torque)
+        return self._inverses[torque_factor]
+
+    @cached_property
+    def products(self) -> Array:
+        """Entry (j, i, k): readings of channel j with what channel i has of parameter k."""
+        count = len(self.readings)
+        flat = self.readings.T @ self.derivative.reshape(count, -1)
+        return flat.reshape(self.readings.shape[1], *self.derivative.shape[1:])
+
+
+def compared_rows(recording: Recording) -> slice:
+    """No more than `MOST_ROWS` rows of a recording."""
+    return slice(None, None, -(-recording.samples // MOST_ROWS))
+
+
+def rigid_derivative(recording: Recording, model: WrenchModel, motion: MotionReading) -> Array:
+    """Derivative (n, p, k) of the wrench in the tool's parameters, along the axes of the readings, not turned."""
+    every, prediction = compared_rows(recording), compiled_prediction(model)
+    signals = motion.signals(recording, every)
+    rows = len(range(*every.indices(recording.samples)))
+    excited = [i for i, p in enumerate(model.parameters) if p not in model.biases]
+    derivative = prediction.load.tangent(signals, np.zeros(model.base_size), rows)[1][:, :, excited]
+    if not motion.in_base:
+        return np.asarray(derivative)
+    to_base = to_sensor_frame(np.stack([signals[name] for name in COMPONENTS], axis=1)).transpose(0, 2, 1)
+    return np.concatenate([to_base @ derivative[:, :3], to_base @ derivative[:, 3:]], axis=1)
+
+
+def noise_from_sample_to_sample(recordings: Sequence[Recording]) -> Array:
+    """Std (p,) of the readings' noise, one for forces and one for torques, from differences of neighbouring samples."""
+    squares = []
+    for recording in recordings:
+        changes = np.diff(recording.wrench, axis=0) if not recording.at_rest else _centred(recording.wrench)
+        squares.append(np.median(changes**2, axis=0) / MEDIAN_SQUARE / (1 if recording.at_rest else 2))
+    variance = np.mean(squares, axis=0)
+    forces = 2 if len(variance) == 3 else 3
+    means = [max(float(group.mean()), SMALLEST_STD**2) for group in (variance[:forces], variance[forces:])]
+    return np.repeat(np.sqrt(means), (forces, len(variance) - forces))
+
+
+def _inverse(normal: Array) -> Array:
+    """Pseudoinverse (k, k) of a normal matrix, its columns scaled to unit length."""
+    size = np.sqrt(np.maximum(np.diag(normal), SMALLEST_STD**2))
+    scaled = np.linalg.pinv(normal / np.outer(size, size), rcond=RANK_TOLERANCE, hermitian=True)
+    return np.asarray(scaled / np.outer(size, size))
+
+
+def _centred(rows: Array) -> Array:
+    return np.asarray(rows - rows.mean(axis=0))
+
+
+@dataclass(frozen=True, eq=False)
+class RankedReading:
+    """A reading of rows, with the residual that it leaves."""
+
+    axes: AxesReading
+    rows: RigidRows
+
+    @property
+    def motion(self) -> MotionReading:
+        """How the motion is read."""
+        return self.rows.motion
+
+    @cached_property
+    def parameters(self) -> Array:
+        """Parameters (k,) of the tool."""
+        return self.rows.inverse(self.axes.torque_factor) @ self._right_side
+
+    @cached_property
+    def _right_side(self) -> Array:
+        return np.asarray(np.einsum("ji,jik->k", self.axes.matrix, self.rows.products))
+
+    @property
+    def mass(self) -> float:
+        """Of the tool, kg."""
+        return float(self.parameters[0])
+
+    @cached_property
+    def mean_square(self) -> float:
+        """Of the whitened residual."""
+        explained = float(self._right_side @ self.parameters)
+        return max(self.rows.power - explained, SMALLEST_STD) / self.rows.readings.size
+
+    @cached_property
+    def residual(self) -> Array:
+        """Whitened residual (n, p)."""
+        return self.rows.readings - (self.rows.derivative @ self.parameters) @ self.axes.matrix.T
+
+    @cached_property
+    def squares(self) -> Array:
+        """Mean squared whitened residual (n,) of each row."""
+        return np.asarray((self.residual**2).mean(axis=1))
+
+    def p_value_against(self, other: RankedReading, tried: int) -> float:
+        """That another reading is no nearer to the truth than this one, family-wise over so many."""
+        blocks = zip(*(np.array_split(r.squares, BLOCKS) for r in (self, other)), strict=True)
+        ratios = [np.log(max(a.mean(), SMALLEST_STD) / max(b.mean(), SMALLEST_STD)) for a, b in blocks if len(a)]
+        deviation = max(float(np.std(ratios, ddof=1)), SMALLEST_STD) / np.sqrt(len(ratios))
+        return min(1.0, tried * float(student_sf(float(np.mean(ratios)) / deviation, len(ratios) - 1)))

@@ -1,0 +1,1 @@
+"""Tests of `estimation.readings`: what may be mistaken in a log."""
