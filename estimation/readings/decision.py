@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any, cast
 
@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 from estimation.readings.axes_reading import SIGN_OF, AxesReading, axes_readings
 from estimation.readings.doubted_reading import DoubtedReading
 from estimation.readings.motion_reading import AS_LOGGED, MotionReading, motion_readings
-from estimation.readings.rigid_tool import RankedReading, RigidRows, compared_rows, rigid_derivative
+from estimation.readings.rigid_tool import RankedReading, RigidRows, compared_rows, rigid_derivative, tool_model
 from estimation.recordings.recording import Recording
 from estimation.recordings.sign_convention import to_sensor_frame
-from modeling.chain.model import ALIGNED_MOUNTING, QuarterTurnRotation, WrenchModel
+from modeling.chain.model import QuarterTurnRotation, WrenchModel
 from modeling.kinematics.placement import COMPONENTS
 from modeling.rig import Convention
 from modeling.significance import LEVELS
@@ -33,8 +33,8 @@ from modeling.space import Space
 Array = NDArray[np.float64]
 
 LEAST_GAIN = 2.0
-"""Ratio of the mean squares of the two residuals: a mistake of the whole recording is most of what the rigid tool
-leaves as read, and what removes less than half of it is left to physics."""
+"""Ratio of the mean squares of the two residuals, of forces or of torques: a mistake of the whole recording is most of
+what the rigid tool leaves as read, and what removes less than half of it is left to physics."""
 FEW = 40
 """Readings with the smallest residuals that are compared sample by sample, the others are too far off to be alike."""
 LARGEST_MASS = 5000.0
@@ -105,7 +105,7 @@ class ShownReading:
         along_base = recording.wrench @ np.linalg.inv(matrix).T
         predicted = rigid_derivative(recording, self.model, self.motion) @ self.ranked.parameters
         predicted = SIGN_OF[self.axes.convention] * predicted
-        zero = (along_base[compared_rows(recording)] - predicted).mean(axis=0)
+        zero = 0.0 if recording.at_rest else (along_base[compared_rows(recording)] - predicted).mean(axis=0)
         to_sensor = to_sensor_frame(np.stack([recording.signals[name] for name in COMPONENTS], axis=1))
         halves = (along_base - zero).reshape(-1, 2, 3)
         return np.asarray(np.einsum("nij,nhj->nhi", to_sensor, halves).reshape(-1, 6))
@@ -154,8 +154,8 @@ class ShownReading:
                 f"{of_rig} of the rig",
             )
         turn = [[int(number) for number in row] for row in axes.turn]
-        if self.contradicts and (swapped := _exchanged(-axes.turn)):
-            return *swapped, f"--read {swapped[0]}"
+        if self.contradicts and (exchanged := _exchanged(-axes.turn)):
+            return *exchanged, f"--read {exchanged[0]}"
         meaning = "the sensor is turned by quarter turns against the axes of the pose"
         return "sensor_turned", turn, meaning, "turn the wrench into the axes of the pose"
 
@@ -172,12 +172,16 @@ def _meaning(axes: AxesReading) -> str:
     }[axes.mistake]
 
 
-def _exchanged(matrix: Array) -> tuple[str, str, str] | None:
+def _exchanged(matrix: Array) -> tuple[str, str | None, str] | None:
     """Id, value and meaning of columns of forces and torques alike that are exchanged or mirrored; else None.
 
-    That is what a sensor mounted turned is like, with readings of the other sign.
+    That is what a sensor mounted turned is like, with readings of the other sign: in the plane half a turn leaves a
+    torque of the other sign, a quarter turn no exchange.
     """
     axes = "xyz"[: len(matrix)]
+    if len(matrix) == 2:
+        alone = np.array_equal(matrix, np.eye(2))
+        return ("torque_sign", None, "the torque has the other sign than the forces") if alone else None
     if np.array_equal(np.abs(matrix), np.eye(len(matrix))) and (matrix < 0).sum() == 1:
         axis = axes[int(np.argmin(np.diag(matrix)))]
         return "force_axis_mirrored", axis, f"force and torque along {axis} have the other sign"
@@ -192,9 +196,7 @@ def shown_reading(recordings: Sequence[Recording], model: WrenchModel, stated: C
 
     `stated` is the sign convention as it was given, AUTO if it was not.
     """
-    base = replace(
-        model.base, convention=Convention.ON_TOOL, mounting=ALIGNED_MOUNTING, gravity_direction=None, arm=None
-    )
+    tool = tool_model(model, recordings)
     up = UP[model.space.value]
     stood = model.gravity_direction is not None
     hangs = MotionReading(gravity=up, mistake="inertia_sign" if stood else "", meaning=INERTIA_SIGN if stood else "")
@@ -202,14 +204,14 @@ def shown_reading(recordings: Sequence[Recording], model: WrenchModel, stated: C
     others += [m for m in motion_readings(model.space.value) if all(m.applies_to(r) for r in recordings)]
     every = [
         RankedReading(axes, rows)
-        for rows in (RigidRows.of(recordings, base, motion) for motion in (AS_LOGGED, *others))
+        for rows in (RigidRows.of(recordings, tool, motion) for motion in (AS_LOGGED, *others))
         for axes in axes_readings(model.channels)
         if not (axes.mistake and rows.motion.mistake)
     ]
     as_read = next(r for r in every if _is_as_read(r, model))
     ranked = sorted((r for r in every if r.mass > 0), key=lambda r: (r.mean_square, _cost(r, stated)))[:FEW]
-    shown = partial(ShownReading, model=base, stated=stated, as_read=as_read)
-    if not ranked or ranked[0].mean_square * LEAST_GAIN > as_read.mean_square:
+    shown = partial(ShownReading, model=tool, stated=stated, as_read=as_read)
+    if not ranked or ranked[0].gain_over(as_read) < LEAST_GAIN:
         # Of counts every ratio is right, and the weight is no tool's.
         return None if abs(as_read.mass) < LARGEST_MASS else shown(ranked=as_read, p_value=None)
     of_cost = Counter(_cost(r, stated) for r in every)

@@ -9,7 +9,7 @@ tool is whole, with its torques and inertia: mass, first moment and inertia have
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -20,9 +20,11 @@ from estimation.readings.axes_reading import AxesReading
 from estimation.readings.motion_reading import MotionReading
 from estimation.recordings.recording import Recording
 from estimation.recordings.sign_convention import to_sensor_frame
-from modeling.chain.model import WrenchModel
+from modeling.chain.model import ALIGNED_MOUNTING, WrenchModel
 from modeling.chain.prediction import compiled_prediction
+from modeling.effects.loads import ViscousDrag
 from modeling.kinematics.placement import COMPONENTS
+from modeling.rig import Convention
 
 Array = NDArray[np.float64]
 
@@ -51,10 +53,16 @@ class RigidRows:
 
     @classmethod
     def of(cls, recordings: Sequence[Recording], model: WrenchModel, motion: MotionReading) -> RigidRows:
-        """Of every recording no more than `MOST_ROWS`; the model is a rigid tool's, on the tool, not turned."""
+        """Of every recording no more than `MOST_ROWS`; the model is `tool_model`'s."""
         std = noise_from_sample_to_sample(recordings)
-        derivatives = [_centred(rigid_derivative(r, model, motion) / std[:, None]) for r in recordings]
-        readings = [_centred(recording.wrench[compared_rows(recording)] / std) for recording in recordings]
+        derivatives, readings = [], []
+        for recording in recordings:
+            derivative = rigid_derivative(recording, model, motion) / std[:, None]
+            reading = recording.wrench[compared_rows(recording)] / std
+            # At rest a zero along base axes is a weight: there is none then, and the sensor's own turns with it.
+            centred = not (motion.in_base and recording.at_rest)
+            derivatives.append(_centred(derivative) if centred else derivative)
+            readings.append(_centred(reading) if centred else reading)
         return cls(motion, np.concatenate(readings), np.concatenate(derivatives))
 
     @cached_property
@@ -89,20 +97,39 @@ class RigidRows:
         return flat.reshape(self.readings.shape[1], *self.derivative.shape[1:])
 
 
+def tool_model(model: WrenchModel, recordings: Sequence[Recording]) -> WrenchModel:
+    """The rigid tool of a model, on the tool and not turned, with a drag where all recordings have a velocity.
+
+    A drag is the most usual effect, and would hide a mistake that is small beside it.
+    """
+    base = replace(
+        model.base, convention=Convention.ON_TOOL, mounting=ALIGNED_MOUNTING, gravity_direction=None, arm=None
+    )
+    dragged = base + ViscousDrag()
+    known = not any(r.at_rest or not set(dragged.inputs) <= r.signals.keys() for r in recordings)
+    return dragged if known else base
+
+
 def compared_rows(recording: Recording) -> slice:
     """No more than `MOST_ROWS` rows of a recording."""
     return slice(None, None, -(-recording.samples // MOST_ROWS))
 
 
 def rigid_derivative(recording: Recording, model: WrenchModel, motion: MotionReading) -> Array:
-    """Derivative (n, p, k) of the wrench in the tool's parameters, along the axes of the readings, not turned."""
+    """Derivative (n, p, k) of the wrench in the tool's parameters, along the axes of the readings, not turned.
+
+    Of a drag it is that in its coefficient, and in its lever for a coefficient of 1. Along base axes a bias of the sensor turns with it, and the last six parameters are that.
+    """
     every, prediction = compared_rows(recording), compiled_prediction(model)
     signals = motion.signals(recording, every)
     rows = len(range(*every.indices(recording.samples)))
     excited = [i for i, p in enumerate(model.parameters) if p not in model.biases]
-    derivative = prediction.load.tangent(signals, np.zeros(model.base_size), rows)[1][:, :, excited]
+    about = np.zeros(len(model.parameters))
+    about[model.base_size : model.base_size + 1] = 1.0
+    derivative = prediction.load.tangent(signals, about, rows)[1][:, :, excited]
     if not motion.in_base:
         return np.asarray(derivative)
+    derivative = np.concatenate([derivative, np.broadcast_to(np.eye(6), (rows, 6, 6))], axis=2)
     to_base = to_sensor_frame(np.stack([signals[name] for name in COMPONENTS], axis=1)).transpose(0, 2, 1)
     return np.concatenate([to_base @ derivative[:, :3], to_base @ derivative[:, 3:]], axis=1)
 
@@ -166,6 +193,16 @@ class RankedReading:
     def residual(self) -> Array:
         """Whitened residual (n, p)."""
         return self.rows.readings - (self.rows.derivative @ self.parameters) @ self.axes.matrix.T
+
+    def gain_over(self, other: RankedReading) -> float:
+        """By how much it makes the mean square of the residual's forces, or of its torques, smaller than another one.
+
+        What is mistaken may be small beside an effect that is hidden in the other ones. 0 where those become larger.
+        """
+        forces = 2 if self.residual.shape[1] == 3 else 3
+        of_groups = ((r.residual[:, :forces], r.residual[:, forces:]) for r in (other, self))
+        before, after = ([max(float((group**2).sum()), SMALLEST_STD) for group in groups] for groups in of_groups)
+        return 0.0 if sum(after) > sum(before) else max(b / a for b, a in zip(before, after, strict=True))
 
     @cached_property
     def squares(self) -> Array:
