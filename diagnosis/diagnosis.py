@@ -468,7 +468,7 @@ def _diagnosed(
         reasons |= dict.fromkeys(sorted(outcome.candidate.ids), reason)
         disturbed = tuple(with_disturbances(h, selection.base.fit, candidates, cache) for h in held_out)
         outcome = _Outcome(selection, selection.base, disturbed)
-    if not case.misread:
+    if case.is_of_tool:
         require_positive_fitted_mass(outcome.fit)
     progress("verdict, upper limit and aliases of every effect")
     final, steps = outcome.candidate, outcome.steps

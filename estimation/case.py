@@ -110,19 +110,29 @@ class Case:
         shown = shown_reading((*case.recordings, *case.held_out), case.model, model.convention)
         if undecided is not None and (shown is None or shown.p_value is None):
             raise undecided from None
+        if shown is not None and shown.motion.compensated and case.gravity is not None:
+            # What is left of a weight may point up: a base that hangs is no explanation then.
+            upright = cls._upright(replace(model, convention=case.model.convention), several, len(recordings))
+            of_upright = shown_reading((*upright.recordings, *upright.held_out), upright.model, model.convention)
+            if of_upright is not None and of_upright.motion.compensated:
+                case, shown = upright, of_upright
         return case if shown is None else case._with_reading(shown, model, several, read)
 
     def _with_reading(
         self, shown: ShownReading, given: WrenchModel, several: Sequence[Recording], read: Collection[str]
     ) -> Case:
         """The case with a reading that is shown, adopted where that contradicts no statement or is asked for."""
+        if shown.is_net:  # the fit refuses it unless it is meant so
+            adopted = replace(shown.doubted, adopted=True)
+            return replace(self, readings=(adopted,)) if shown.doubted.id in read else self
         count, of_log = len(self.recordings), shown.is_mistake or given.space is Space.PLANE
         proposed = of_log or shown.contradicts or shown.p_value is None
-        if proposed and (shown.doubted.id not in read or shown.p_value is None):
-            return replace(self, readings=(shown.doubted,))
-        adopted = replace(shown.doubted, adopted=True)
+        chosen = next((r for r in shown.readings if r.id in read), shown.doubted)
+        if proposed and (chosen.id not in read or shown.p_value is None):
+            return replace(self, readings=shown.readings)
+        adopted = replace(chosen, adopted=True)
         if of_log and shown.motion.gravity is None:
-            mended = [shown.mended(recording) for recording in several]
+            mended = [shown.mended(recording, [chosen.id]) for recording in several]
             convention = given.convention if given.convention is Convention.AUTO else shown.axes.convention
             return replace(Case._as_read(replace(given, convention=convention), mended, count), readings=(adopted,))
         model = self.model  # with the tilt that is fitted beside a direction of gravity
@@ -174,6 +184,11 @@ class Case:
     def misread(self) -> bool:
         """Whether another reading is shown and not adopted: what a fit gives then is no measurement of the tool."""
         return any(not reading.adopted for reading in self.readings)
+
+    @property
+    def is_of_tool(self) -> bool:
+        """Whether what is weighed is a tool, of positive mass: not if more was subtracted or a reading is doubted."""
+        return not any(r.id == "payload_compensated" or not r.adopted for r in self.readings)
 
     @cached_property
     def noise(self) -> tuple[RecordingNoise, ...]:

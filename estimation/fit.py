@@ -368,7 +368,7 @@ def fit_case(
         fitted = unchecked_fit(case, noise=without_transients, start=fitted.values, constraints=constraints)
     given = noise is not None or constraints is not None
     fitted = with_coloured_std(fitted) if given else with_ordinary_estimate(fitted)
-    if not case.misread:
+    if case.is_of_tool:
         require_positive_fitted_mass(fitted)
     return fitted
 

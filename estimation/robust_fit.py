@@ -336,7 +336,7 @@ def robust_fit_case(case: Case, *, loss: Loss | None = None, start: Mapping[str,
     """`robust_fit` of a case."""
     require_known_start(start or (), case.model, parameter_layout(case.model, case.recordings).parameters)
     robust = _iterated(unchecked_fit(case, start=start), loss or Huber())
-    if not case.misread:
+    if case.is_of_tool:
         require_positive_fitted_mass(robust.fit)
     return robust
 

@@ -301,8 +301,9 @@ def require_positive_mass(mass: Estimate, stated: Convention, where: str) -> Non
         return
     other = Convention.ON_SENSOR if stated is Convention.ON_TOOL else Convention.ON_TOOL
     check = "check the axes of the readings, or whether the base hangs (gravity_direction under [robot])"
+    net = "where a controller subtracts more than the tool weighs, --read payload_compensated"
     raise InputError(
         what=f"the mass comes out as {mass.value:.3g} ± {mass.std:.2g} kg with readings {stated.value}",
         where=where,
-        remedy=f'state convention = "{other.value}" under [sensor] in the rig, or {check}',
+        remedy=f'state convention = "{other.value}" under [sensor] in the rig, or {check}; {net}',
     )

@@ -10,8 +10,8 @@ the noise is that of the readings' differences from sample to sample: a residual
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any, cast
 
@@ -20,8 +20,18 @@ from numpy.typing import NDArray
 
 from estimation.readings.axes_reading import SIGN_OF, AxesReading, axes_readings
 from estimation.readings.doubted_reading import DoubtedReading
-from estimation.readings.motion_reading import AS_LOGGED, MotionReading, motion_readings
-from estimation.readings.rigid_tool import RankedReading, RigidRows, compared_rows, rigid_derivative, tool_model
+from estimation.readings.motion_reading import AS_LOGGED, SHIFTED, MotionReading, motion_readings
+from estimation.readings.rigid_tool import (
+    MOST_ROWS,
+    RankedReading,
+    RigidRows,
+    compared_rows,
+    fitted_shift,
+    rigid_derivative,
+    tool_model,
+    white_noise,
+)
+from estimation.recordings.motion import MotionForm
 from estimation.recordings.recording import Recording
 from estimation.recordings.sign_convention import to_sensor_frame
 from modeling.chain.model import QuarterTurnRotation, WrenchModel
@@ -39,6 +49,9 @@ FEW = 40
 """Readings with the smallest residuals that are compared sample by sample, the others are too far off to be alike."""
 LARGEST_MASS = 5000.0
 """kg: twice what the strongest industrial robots carry; a wrist sensor that reads more reads no newtons."""
+SMALLEST_MASS = 1e-3
+"""kg: a gram, below which nothing is a tool, and a reading that finds one explains nothing by it."""
+MOMENT_POINT = "moment_point"
 UP = {2: (0.0, 1.0), 3: (0.0, 0.0, 1.0)}
 """Gravity in base axes of a base that hangs, in the plane and in six axes."""
 INERTIA_SIGN = "the inertial forces have the other sign against the weight than they should"
@@ -77,6 +90,11 @@ class ShownReading:
         return self.stated not in (Convention.AUTO, self.axes.convention)
 
     @property
+    def is_net(self) -> bool:
+        """Whether nothing is shown but a mass that is negative with the sign convention that was stated."""
+        return self.p_value is None and self.as_read.mass < 0
+
+    @property
     def is_mistake(self) -> bool:
         """Whether the log would be mistaken, not only understood otherwise."""
         return bool(self.axes.mistake or self.motion.mistake)
@@ -87,12 +105,19 @@ class ShownReading:
         rows = [tuple(int(number) for number in row) for row in self.axes.turn]
         return cast(QuarterTurnRotation, tuple(rows))
 
-    def mended(self, recording: Recording) -> Recording:
-        """A recording as it was meant to be logged; gravity and the mounting of a six-axis sensor are the model's."""
+    def mended(self, recording: Recording, read: Collection[str] = ()) -> Recording:
+        """A recording as it was meant to be logged; gravity and the mounting of a six-axis sensor are the model's.
+
+        `read` holds the ids of what it is read as, of two that are alike.
+        """
+        if self.motion.shift is not None and (MOMENT_POINT in read or recording.form is MotionForm.JOINTS):
+            return recording.with_readings(_about_point(recording.wrench, self.axes.turn @ self.motion.shift))
         mended = self.motion.mended(recording)
         wrench = recording.wrench
         if self.motion.in_base:
             wrench = self._in_sensor_axes(recording)
+        elif self.motion.compensated:
+            wrench = wrench - self._subtracted(recording)
         elif recording.dimension == 2:
             wrench = wrench @ np.linalg.inv(self.axes.matrix * SIGN_OF[self.axes.convention]).T
         else:
@@ -110,9 +135,36 @@ class ShownReading:
         halves = (along_base - zero).reshape(-1, 2, 3)
         return np.asarray(np.einsum("nij,nhj->nhi", to_sensor, halves).reshape(-1, 6))
 
+    def _subtracted(self, recording: Recording) -> Array:
+        """What was subtracted of the readings (n, p), as far as it is no zero."""
+        of_weight = self.ranked.parameters.copy()
+        of_weight[: len(of_weight) // 2] = 0.0
+        blocks = (slice(first, first + MOST_ROWS) for first in range(0, recording.samples, MOST_ROWS))
+        derivatives = (rigid_derivative(recording, self.model, self.motion, rows) for rows in blocks)
+        return np.concatenate([derivative @ of_weight for derivative in derivatives]) @ self.axes.matrix.T
+
+    @property
+    def readings(self) -> tuple[DoubtedReading, ...]:
+        """The reading, with another one that the data cannot tell from it."""
+        if self.motion.shift is None:
+            return (self.doubted,)
+        at = np.round(self.axes.turn @ self.motion.shift, 5).tolist()
+        meaning = f"the torques are about a point at {at} m, in sensor axes, from the one whose position was logged"
+        of_moment = replace(
+            self.doubted, id=MOMENT_POINT, value=at, meaning=meaning, statement=f"--read {MOMENT_POINT}",
+            shown_by=f"the readings show this or {self.doubted.id}, and not which",
+        )  # fmt: skip
+        return (self.doubted, of_moment)
+
     @cached_property
     def doubted(self) -> DoubtedReading:
         """What is said of it."""
+        if self.is_net:
+            return DoubtedReading(
+                id="payload_compensated", value=self.as_read.mass, before=self._before, after=self._before, mends=False,
+                meaning="the controller subtracts more than the tool weighs", statement="--read payload_compensated",
+                mass=self.as_read.mass, shown_by=f"the mass comes out as {self.as_read.mass:.3g} kg",
+            )  # fmt: skip
         if self.p_value is None:
             return DoubtedReading(
                 id="force_unit", meaning="the forces are in other units than N, such as counts", value=None,
@@ -134,6 +186,16 @@ class ShownReading:
     def _named(self) -> tuple[str, Any, str, str]:
         """Id, value, meaning and the line that states it."""
         axes, motion = self.axes, self.motion
+        if motion.compensated:
+            mass = self.ranked.subtracted_mass
+            meaning = (
+                f"the weight of {mass:.4g} kg was subtracted from the readings, as of a payload that a controller has"
+            )
+            return motion.mistake, mass, meaning, f"--read {motion.mistake}"
+        if motion.shift is not None:
+            at = np.round(motion.shift, 5).tolist()
+            meaning = f"the sensor's origin is at {at} m from the point whose position was logged, in sensor axes"
+            return motion.mistake, at, meaning, f"--read {motion.mistake}"
         of_rig = f'convention = "{axes.convention.value}" under [sensor]'
         if motion.mistake:
             line = f"{motion.map_line} in a map, or --read {motion.mistake}" if motion.map_line else ""
@@ -158,6 +220,12 @@ class ShownReading:
             return *exchanged, f"--read {exchanged[0]}"
         meaning = "the sensor is turned by quarter turns against the axes of the pose"
         return "sensor_turned", turn, meaning, "turn the wrench into the axes of the pose"
+
+
+def _about_point(wrench: Array, arm: Array) -> Array:
+    """Readings (n, 6) with torques about the point whose position was logged, by the arm (3,) to where they are now."""
+    force, torque = wrench[:, :3], wrench[:, 3:]
+    return np.hstack([force, torque + np.cross(arm, force)])
 
 
 def _meaning(axes: AxesReading) -> str:
@@ -197,23 +265,33 @@ def shown_reading(recordings: Sequence[Recording], model: WrenchModel, stated: C
     `stated` is the sign convention as it was given, AUTO if it was not.
     """
     tool = tool_model(model, recordings)
+    as_logged = RigidRows.of(recordings, tool, AS_LOGGED)
+    axes_as_read = next(axes for axes in axes_readings(model.channels) if _is_as_read(axes, model))
+    as_read = RankedReading(axes_as_read, as_logged)
+    shown = partial(ShownReading, model=tool, stated=stated, as_read=as_read)
+    # Of counts every ratio is right, and the weight is no tool's; with the other sign it is none either.
+    is_none = abs(as_read.mass) > LARGEST_MASS or (as_read.mass < 0 and stated is not Convention.AUTO)
+    no_tool = shown(ranked=as_read, p_value=None) if is_none else None
+    if max(as_read.mean_squares) < LEAST_GAIN * white_noise(recordings):
+        return no_tool
     up = UP[model.space.value]
     stood = model.gravity_direction is not None
     hangs = MotionReading(gravity=up, mistake="inertia_sign" if stood else "", meaning=INERTIA_SIGN if stood else "")
     others = [hangs] if model.gravity_direction in (None, tuple(-c + 0.0 for c in up)) else []
     others += [m for m in motion_readings(model.space.value) if all(m.applies_to(r) for r in recordings)]
+    if all(SHIFTED.applies_to(recording) for recording in recordings):
+        others.append(replace(SHIFTED, shift=fitted_shift(recordings, tool, axes_as_read)))
     every = [
         RankedReading(axes, rows)
-        for rows in (RigidRows.of(recordings, tool, motion) for motion in (AS_LOGGED, *others))
+        for rows in (as_logged, *(RigidRows.of(recordings, tool, motion) for motion in others))
         for axes in axes_readings(model.channels)
         if not (axes.mistake and rows.motion.mistake)
     ]
-    as_read = next(r for r in every if _is_as_read(r, model))
-    ranked = sorted((r for r in every if r.mass > 0), key=lambda r: (r.mean_square, _cost(r, stated)))[:FEW]
-    shown = partial(ShownReading, model=tool, stated=stated, as_read=as_read)
-    if not ranked or ranked[0].gain_over(as_read) < LEAST_GAIN:
-        # Of counts every ratio is right, and the weight is no tool's.
-        return None if abs(as_read.mass) < LARGEST_MASS else shown(ranked=as_read, p_value=None)
+    plausible = (r for r in every if r.mass > SMALLEST_MASS and not r.subtracted_mass < 0)
+    ranked = sorted(plausible, key=lambda r: (r.mean_square, _cost(r, stated)))[:FEW]
+    gain = ranked[0].gain_over(as_read) if ranked else 0.0
+    if gain < LEAST_GAIN or ranked[0].mean_square > gain * as_logged.unstructured_mean_square > 0:
+        return no_tool
     of_cost = Counter(_cost(r, stated) for r in every)
 
     def tried(reading: RankedReading) -> int:
@@ -224,7 +302,7 @@ def shown_reading(recordings: Sequence[Recording], model: WrenchModel, stated: C
     simplest = min(alike, key=lambda r: _cost(r, stated))
     p_value = as_read.p_value_against(simplest, tried(simplest))
     equals = sum(_cost(r, stated) == _cost(simplest, stated) for r in alike)
-    return shown(ranked=simplest, p_value=p_value) if equals == 1 and p_value <= LEVELS.misread else None
+    return shown(ranked=simplest, p_value=p_value) if equals == 1 and p_value <= LEVELS.misread else no_tool
 
 
 def _cost(ranked: RankedReading, stated: Convention) -> tuple[bool, bool, bool, bool]:
@@ -235,9 +313,8 @@ def _cost(ranked: RankedReading, stated: Convention) -> tuple[bool, bool, bool, 
     return (bool(axes.mistake or motion.mistake), axes.is_turned, motion.gravity is not None, contradicts)
 
 
-def _is_as_read(ranked: RankedReading, model: WrenchModel) -> bool:
+def _is_as_read(axes: AxesReading, model: WrenchModel) -> bool:
     """Whether a model reads the recordings so."""
-    axes = ranked.axes
-    if axes.mistake or ranked.motion is not AS_LOGGED or axes.convention is not model.convention:
+    if axes.mistake or axes.convention is not model.convention:
         return False
     return not axes.is_turned if model.space is Space.PLANE else np.array_equal(axes.turn, np.array(model.mounting))

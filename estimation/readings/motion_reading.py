@@ -46,6 +46,8 @@ class MotionReading:
     gravity      direction of gravity in base axes; None as the model has it
     length, time, angle  factors from what was logged to m, s and, in the plane, rad clockwise
     in_base      whether the readings are along base axes
+    compensated  whether a weight was subtracted from the readings, but no inertial force
+    shift        (3,) m, from the point whose position was logged to the sensor's origin, in sensor axes
     """
 
     mistake: str = ""
@@ -58,6 +60,8 @@ class MotionReading:
     time: float = 1.0
     angle: float = 1.0
     in_base: bool = False
+    compensated: bool = False
+    shift: Array | None = None
 
     def applies_to(self, recording: Recording) -> bool:
         """Whether the recording has what would be mistaken."""
@@ -65,11 +69,13 @@ class MotionReading:
             return recording.form is MotionForm.POSE
         if self.angle != 1:
             return recording.form is MotionForm.PLANAR_POSE
+        if self.shift is not None:
+            return recording.dimension == 3 and not recording.at_rest
         if self.length != 1:
             translation = (name for names in TRANSLATIONS[recording.dimension].values() for name in names)
             moves = any(name in recording.columns for name in translation)
             return moves and recording.form is not MotionForm.JOINTS and not recording.at_rest
-        return self.time == 1 or not recording.at_rest
+        return not recording.at_rest or not (self.time != 1 or self.compensated)
 
     def signals(self, recording: Recording, every: slice) -> Mapping[str, Array]:
         """Inputs of a model (m,) by name as they were meant, of some samples."""
@@ -82,6 +88,8 @@ class MotionReading:
                 Rotation.identity() if direction is None else Rotation.from_quat(base_placement(direction).quaternion)
             )
             signals |= _reoriented(signals, self.orientation, base)
+        if self.shift is not None:
+            signals |= _shifted(signals, self.shift)
         scaled = self._scaled(signals, recording.dimension)
         if self.angle != 1 and direction is not None:
             scaled["phi"] += (1 - self.angle) * base_angle(direction)
@@ -96,6 +104,13 @@ class MotionReading:
             # Rates that were logged are along the axes of the orientation as it was read.
             for names in ROTATIONS[3].values():
                 columns = {name: column for name, column in columns.items() if name not in names}
+        if self.shift is not None:
+            position, *derived = TRANSLATIONS[3].values()
+            to_sensor = Rotation.from_quat(np.stack([recording.signals[name] for name in QUATERNION], axis=1))
+            moved = {
+                name: columns[name] + along for name, along in zip(position, to_sensor.apply(self.shift).T, strict=True)
+            }
+            columns = {name: column for name, column in (columns | moved).items() if name not in sum(derived, ())}
         columns |= self._scaled(columns, recording.dimension)
         for order, prefix in enumerate(("q", "dq", "ddq")):
             rates = {name: columns[name] for name in numbered_names(prefix, recording.joints) if name in columns}
@@ -122,14 +137,34 @@ def _reoriented(
 
     `base` is the rotation from base axes to the world.
     """
-    omega, alpha = (np.stack([signals[name] for name in names], axis=1) for names in ROTATIONS[3].values())
     read = base.inv() * Rotation.from_quat(np.stack([signals[name] for name in QUATERNION], axis=1))
-    turns = (Rotation.from_rotvec(h * omega + h**2 / 2 * alpha) for h in (0.0, STEP, -STEP))
-    now, later, before = (meant(read * turn) for turn in turns)
+    now, later, before = (meant(read * turn) for turn in _turns(signals))
     forward, backward = ((now.inv() * other).as_rotvec() for other in (later, before))
     rates = ((forward - backward) / (2 * STEP), (forward + backward) / STEP**2)
     series = zip((QUATERNION, *ROTATIONS[3].values()), ((base * now).as_quat(), *rates), strict=True)
     return {name: vector[:, i] for names, vector in series for i, name in enumerate(names)}
+
+
+def at_rest(signals: Mapping[str, Array], dimension: int) -> dict[str, Array]:
+    """Signals of the same poses at rest."""
+    tables = (ROTATIONS[dimension], TRANSLATIONS[dimension])
+    moving = {name for table in tables for order, names in table.items() if order for name in names}
+    return {name: np.zeros_like(series) if name in moving else series for name, series in signals.items()}
+
+
+def _turns(signals: Mapping[str, Array]) -> list[Rotation]:
+    """Rotations from the orientation of each sample to itself, to `STEP` later and to as much earlier."""
+    omega, alpha = (np.stack([signals[name] for name in names], axis=1) for names in ROTATIONS[3].values())
+    return [Rotation.from_rotvec(h * omega + h**2 / 2 * alpha) for h in (0.0, STEP, -STEP)]
+
+
+def _shifted(signals: Mapping[str, Array], shift: Array) -> dict[str, Array]:
+    """Translation (n,) of each component of a point at `shift` (3,) m from the one of the signals, in sensor axes."""
+    read = Rotation.from_quat(np.stack([signals[name] for name in QUATERNION], axis=1))
+    now, later, before = ((read * turn).apply(shift) for turn in _turns(signals))
+    moved = (now, (later - before) / (2 * STEP), (later - 2 * now + before) / STEP**2)
+    series = zip(TRANSLATIONS[3].values(), moved, strict=True)
+    return {n: signals[n] + vector[:, i] for names, vector in series for i, n in enumerate(names) if n in signals}
 
 
 # ------------------------------------------------------------------------------------------- what people mistake
@@ -173,6 +208,10 @@ UNITS = (
         for unit, factor in (("ms", 1e-3), ("us", 1e-6))
     ),
 )  # fmt: skip
+SHIFTED = MotionReading(mistake="sensor_shifted", shift=np.zeros(3))
+"""The position that is logged is a flange's, or the torques are about another point than the sensor's origin."""
+COMPENSATED = MotionReading(mistake="payload_compensated", compensated=True)
+"""A controller that subtracts the weight of a payload, as it was set, leaves its inertial forces."""
 PLANAR = (
     MotionReading(mistake="orientation_inverse", angle=-1.0, meaning="phi is counted counterclockwise"),
     MotionReading(mistake="angle_unit", detail="deg", angle=pi / 180, map_line='units = { angle = "deg" }',
@@ -198,4 +237,4 @@ SPATIAL = (
 
 def motion_readings(dimension: int) -> tuple[MotionReading, ...]:
     """The mistakes with a motion in the plane or in six axes; as it was read is none."""
-    return (*UNITS, *(PLANAR if dimension == 2 else SPATIAL))
+    return (*UNITS, COMPENSATED, *(PLANAR if dimension == 2 else SPATIAL))

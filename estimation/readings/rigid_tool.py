@@ -8,16 +8,17 @@ tool is whole, with its torques and inertia: mass, first moment and inertia have
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import comb
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimation.multiplicity import student_sf
 from estimation.readings.axes_reading import AxesReading
-from estimation.readings.motion_reading import MotionReading
+from estimation.readings.motion_reading import MotionReading, at_rest
 from estimation.recordings.recording import Recording
 from estimation.recordings.sign_convention import to_sensor_frame
 from modeling.chain.model import ALIGNED_MOUNTING, WrenchModel
@@ -36,6 +37,12 @@ MEDIAN_SQUARE = 0.4549
 """Median of the square of a normal deviate, in which jumps of a contact hardly count."""
 SMALLEST_STD = 1e-9
 """N or N m, of readings without noise, so that they can be divided by it."""
+SHIFT_STEPS = 5
+"""Gauss-Newton steps to the shift of a point: the product of it with the first moment is all that is not linear."""
+THIRD = 3
+"""Order of the differences that show the white noise; its variance in them is that of noise times (6 over 3)."""
+FREE_TOLERANCE = 1e-6
+"""Of the largest singular value of many inputs alike: what is smaller is rounding of a motion's derivatives."""
 RANK_TOLERANCE = 1e-10
 """Of the largest singular value of the normal matrix: a parameter that the motion does not excite has no column."""
 
@@ -69,6 +76,23 @@ class RigidRows:
     def power(self) -> float:
         """Sum of the squared readings."""
         return float((self.readings**2).sum())
+
+    @cached_property
+    def unstructured_mean_square(self) -> float:
+        """Mean square of what is left where each reading is any linear function of what the tool's may be.
+
+        No reading of the wrench leaves less, nor does crosstalk, a gain or a sensor that is turned. 0 where the rows
+        are too few to tell.
+        """
+        inputs = self.derivative.reshape(len(self.derivative), -1)
+        size = np.maximum(np.linalg.norm(inputs, axis=0), SMALLEST_STD)
+        left, sizes, _ = np.linalg.svd(inputs / size, full_matrices=False)
+        left = left[:, sizes > FREE_TOLERANCE * sizes[0]]
+        freedom = len(inputs) - left.shape[1] - 1
+        if freedom < len(inputs) / 2:
+            return 0.0
+        explained = float(((left.T @ self.readings) ** 2).sum())
+        return float((self.power - explained) / freedom / self.readings.shape[1])
 
     @cached_property
     def _normal(self) -> tuple[Array, Array]:
@@ -115,23 +139,54 @@ def compared_rows(recording: Recording) -> slice:
     return slice(None, None, -(-recording.samples // MOST_ROWS))
 
 
-def rigid_derivative(recording: Recording, model: WrenchModel, motion: MotionReading) -> Array:
+def rigid_derivative(
+    recording: Recording, model: WrenchModel, motion: MotionReading, rows: slice | None = None
+) -> Array:
     """Derivative (n, p, k) of the wrench in the tool's parameters, along the axes of the readings, not turned.
 
-    Of a drag it is that in its coefficient, and in its lever for a coefficient of 1. Along base axes a bias of the sensor turns with it, and the last six parameters are that.
+    Of a drag it is that in its coefficient, and in its lever for a coefficient of 1. Where a weight was subtracted, the
+    second half of the parameters is that of the tool whose weight it is, negative. Along base axes a bias of the sensor
+    turns with it, and the last six parameters are that. By default of `compared_rows`.
     """
-    every, prediction = compared_rows(recording), compiled_prediction(model)
-    signals = motion.signals(recording, every)
-    rows = len(range(*every.indices(recording.samples)))
-    excited = [i for i, p in enumerate(model.parameters) if p not in model.biases]
-    about = np.zeros(len(model.parameters))
-    about[model.base_size : model.base_size + 1] = 1.0
-    derivative = prediction.load.tangent(signals, about, rows)[1][:, :, excited]
+    signals = motion.signals(recording, compared_rows(recording) if rows is None else rows)
+    derivative = _derivative(signals, model)
+    if motion.compensated:
+        return np.concatenate([derivative, _derivative(at_rest(signals, recording.dimension), model)], axis=2)
     if not motion.in_base:
-        return np.asarray(derivative)
-    derivative = np.concatenate([derivative, np.broadcast_to(np.eye(6), (rows, 6, 6))], axis=2)
+        return derivative
+    derivative = np.concatenate([derivative, np.broadcast_to(np.eye(6), (len(derivative), 6, 6))], axis=2)
     to_base = to_sensor_frame(np.stack([signals[name] for name in COMPONENTS], axis=1)).transpose(0, 2, 1)
     return np.concatenate([to_base @ derivative[:, :3], to_base @ derivative[:, 3:]], axis=1)
+
+
+def _derivative(signals: Mapping[str, Array], model: WrenchModel) -> Array:
+    """Derivative (n, p, k) of the load in the model's parameters but the biases."""
+    about = np.zeros(len(model.parameters))
+    about[model.base_size : model.base_size + 1] = 1.0
+    rows = len(next(iter(signals.values())))
+    excited = [i for i, p in enumerate(model.parameters) if p not in model.biases]
+    return np.asarray(compiled_prediction(model).load.tangent(signals, about, rows)[1][:, :, excited])
+
+
+def fitted_shift(recordings: Sequence[Recording], model: WrenchModel, axes: AxesReading) -> Array:
+    """The shift (3,) m, of the sensor's origin from the point whose position was logged, in sensor axes.
+
+    By Gauss-Newton with the tool's parameters: what the tool predicts is linear in them, and in the shift.
+    """
+    points = (np.zeros(3), *np.eye(3))
+    unshifted, *shifted = (RigidRows.of(recordings, model, MotionReading(shift=point)) for point in points)
+    first = RankedReading(axes, unshifted)
+    slopes = [rows.derivative - unshifted.derivative for rows in shifted]
+    parts = np.concatenate([unshifted.derivative, *slopes], axis=2).reshape(unshifted.readings.size, -1)
+    normal, right_side = parts.T @ parts, parts.T @ (unshifted.readings @ axes.matrix).ravel()
+    shift, parameters = np.zeros(3), first.parameters
+    for _ in range(SHIFT_STEPS):
+        of_tool = np.kron(np.concatenate([[1.0], shift])[:, None], np.eye(len(parameters)))
+        of_shift = np.kron(np.eye(4)[:, 1:], parameters[:, None])
+        slope = np.hstack([of_tool, of_shift])
+        step = _inverse(slope.T @ normal @ slope) @ slope.T @ right_side
+        parameters, shift = step[:-3], shift + step[-3:]
+    return np.asarray(shift)
 
 
 def noise_from_sample_to_sample(recordings: Sequence[Recording]) -> Array:
@@ -144,6 +199,18 @@ def noise_from_sample_to_sample(recordings: Sequence[Recording]) -> Array:
     forces = 2 if len(variance) == 3 else 3
     means = [max(float(group.mean()), SMALLEST_STD**2) for group in (variance[:forces], variance[forces:])]
     return np.repeat(np.sqrt(means), (forces, len(variance) - forces))
+
+
+def white_noise(recordings: Sequence[Recording]) -> float:
+    """Mean square of the noise that third differences of the readings show, over that from sample to sample.
+
+    It is as large or smaller, as third differences have hardly anything of a motion. 0 of poses at rest, in any order.
+    """
+    if any(recording.at_rest or recording.samples <= THIRD for recording in recordings):
+        return 0.0
+    std = noise_from_sample_to_sample(recordings)
+    squares = [np.diff(recording.wrench / std, THIRD, axis=0) ** 2 for recording in recordings]
+    return float(np.mean([np.median(each, axis=0) / MEDIAN_SQUARE / comb(2 * THIRD, THIRD) for each in squares]))
 
 
 def _inverse(normal: Array) -> Array:
@@ -183,6 +250,11 @@ class RankedReading:
         """Of the tool, kg."""
         return float(self.parameters[0])
 
+    @property
+    def subtracted_mass(self) -> float:
+        """kg, of the weight that was subtracted from the readings; 0 where none is looked for."""
+        return -float(self.parameters[len(self.parameters) // 2]) if self.motion.compensated else 0.0
+
     @cached_property
     def mean_square(self) -> float:
         """Of the whitened residual."""
@@ -199,10 +271,17 @@ class RankedReading:
 
         What is mistaken may be small beside an effect that is hidden in the other ones. 0 where those become larger.
         """
+        if self.mean_square > other.mean_square:
+            return 0.0
+        return max(b / a for b, a in zip(other.mean_squares, self.mean_squares, strict=True))
+
+    @property
+    def mean_squares(self) -> tuple[float, float]:
+        """Of the whitened residual's forces and of its torques."""
         forces = 2 if self.residual.shape[1] == 3 else 3
-        of_groups = ((r.residual[:, :forces], r.residual[:, forces:]) for r in (other, self))
-        before, after = ([max(float((group**2).sum()), SMALLEST_STD) for group in groups] for groups in of_groups)
-        return 0.0 if sum(after) > sum(before) else max(b / a for b, a in zip(before, after, strict=True))
+        groups = (self.residual[:, :forces], self.residual[:, forces:])
+        of_forces, of_torques = (max(float((group**2).mean()), SMALLEST_STD) for group in groups)
+        return of_forces, of_torques
 
     @cached_property
     def squares(self) -> Array:

@@ -150,6 +150,13 @@ def mounting_angle(sign: SignDecision) -> float:
     return atan2(float(np.linalg.norm([skew[2, 1], skew[0, 2], skew[1, 0]])), float(np.trace(sign.mounting)) - 1)
 
 
+SUBTRACTED = (
+    "Readings on_sensor from which a controller subtracts more than the tool weighs look the same, and a contact has"
+    " the other sign then: state convention under [sensor] where that may be."
+)
+"""Most sensors read on_sensor, so that the other sign of a weight is worth a thought."""
+
+
 def convention_sentence(sign: SignDecision, *, detailed: bool = False) -> str:
     """The decision as a sentence; a mounting nearer to a quarter turn than to none is said, too.
 
@@ -160,8 +167,8 @@ def convention_sentence(sign: SignDecision, *, detailed: bool = False) -> str:
     if detailed:
         return f"{decided}. First estimates, from the weight alone: mass {sign.mass:.4g} kg, sensor {turned}."
     if nearest_quarter_turns(sign.mounting) != ALIGNED_MOUNTING:
-        return f"{decided}, {turned}."
-    return f"{decided}."
+        decided = f"{decided}, {turned}"
+    return f"{decided}. {SUBTRACTED}" if sign.convention is Convention.ON_TOOL else f"{decided}."
 
 
 def convention_data(sign: SignDecision) -> dict[str, Any]:
