@@ -305,12 +305,16 @@ def shown_reading(recordings: Sequence[Recording], model: WrenchModel, stated: C
     return shown(ranked=simplest, p_value=p_value) if equals == 1 and p_value <= LEVELS.misread else no_tool
 
 
-def _cost(ranked: RankedReading, stated: Convention) -> tuple[bool, bool, bool, bool]:
-    """A mistake, a mounting that is turned, gravity that points up, another sign than stated: the simplest reading has
-    the least."""
+def _cost(ranked: RankedReading, stated: Convention) -> tuple[bool, ...]:
+    """Numbers that are fitted, a mistake, a mounting that is turned, gravity that points up, another sign than stated.
+
+    The simplest reading has the least: a shift of twice the centre of mass is like torques of the other sign.
+    """
     axes, motion = ranked.axes, ranked.motion
+    is_fitted = motion.shift is not None or motion.compensated
+    is_mistake = bool(axes.mistake or motion.mistake)
     contradicts = stated not in (Convention.AUTO, axes.convention)
-    return (bool(axes.mistake or motion.mistake), axes.is_turned, motion.gravity is not None, contradicts)
+    return (is_fitted, is_mistake, axes.is_turned, motion.gravity is not None, contradicts)
 
 
 def _is_as_read(axes: AxesReading, model: WrenchModel) -> bool:
