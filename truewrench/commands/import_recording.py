@@ -6,6 +6,7 @@ import argparse
 import shlex
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 
@@ -64,7 +65,7 @@ def run(arguments: argparse.Namespace) -> None:
     if arguments.plot is not None:
         _require_picture(arguments.plot)
     rig = None if arguments.rig is None else Rig.read(arguments.rig)
-    said: list[str] = []
+    frames: dict[str, Any] = {"frames": [], "readings": []}
     with progress_line() as progress:
         progress("read" if arguments.out is not None else "read for a report alone, as there is no --out REC")
         log = imported(
@@ -78,7 +79,7 @@ def run(arguments: argparse.Namespace) -> None:
             clock_offset=arguments.clock_offset,
         )
         if (rig is not None or "q1" not in log.columns) and log.report.samples < LONGEST_CHECKED:
-            said = imported_frames(log.recording(rig))  # whatever could not be diagnosed is said now
+            frames = imported_frames(log.recording(rig))  # whatever could not be diagnosed is said now
 
     def written() -> list[Path]:
         with progress_line() as progress:
@@ -93,8 +94,8 @@ def run(arguments: argparse.Namespace) -> None:
 
     print_result(
         arguments,
-        lambda: "\n\n".join([str(log.report), *said]),
-        lambda: log.report.to_data() | {"frames": said},
+        lambda: "\n\n".join([str(log.report), *frames["frames"]]),
+        lambda: log.report.to_data() | frames,
         written,
     )
     if arguments.json:

@@ -200,35 +200,34 @@ def frames_data(case: Case) -> dict[str, Any]:
     return gravity | ({} if case.sign is None else {"sign": convention_data(case.sign)}) | {"readings": readings}
 
 
-def imported_frames(recording: Recording) -> list[str]:
-    """Frames of an imported recording's columns, and the sign convention of its readings, as `fit` will take it."""
+def imported_frames(recording: Recording) -> dict[str, Any]:
+    """Frames of an imported recording's columns, the readings that are shown, and the sign convention, as data.
+
+    They are as `fit` will take the recording.
+    """
+    rig = recording.rig or Rig()
+    stated = rig.sensor.convention if rig.sensor.convention in MEANINGS else None
+    how = "as the rig states" if stated else "unless the rig states otherwise"
     if recording.dimension == 2:
         axes = "Wrench: in the plane, in the sensor frame, about the sensor's origin."
-        stated = None if recording.rig is None else recording.rig.sensor.convention
-        convention = stated or Convention.ON_TOOL
-        how = "as the rig states" if stated else "unless the rig states otherwise"
-        return [axes, f"Sign convention: {MEANINGS[convention]}, {how}."]
-    motion = (
-        "joint coordinates lead to the sensor frame"
-        if recording.form is MotionForm.JOINTS
-        else "qx, qy, qz, qw is the rotation of the sensor frame in the base, v_base = R v_sensor"
-    )
-    return [
-        f"Frames: force and torque along the sensor frame's axes, about its origin; {motion}.",
-        *_sign_of(recording),
-    ]
-
-
-def _sign_of(recording: Recording) -> list[str]:
-    """The sign convention that the rig states, or that the weight in the data decides."""
-    rig = recording.rig
-    if rig is not None and rig.sensor.convention in MEANINGS:
-        return [f"Sign convention: {MEANINGS[rig.sensor.convention]}, as the rig states."]
+        stated = stated or Convention.ON_TOOL
+    else:
+        motion = (
+            "joint coordinates lead to the sensor frame"
+            if recording.form is MotionForm.JOINTS
+            else "qx, qy, qz, qw is the rotation of the sensor frame in the base, v_base = R v_sensor"
+        )
+        axes = f"Frames: force and torque along the sensor frame's axes, about its origin; {motion}."
+    sign = [] if stated is None else [f"Sign convention: {MEANINGS[stated]}, {how}."]
     try:
-        case = Case.of(spatial(rig), [recording])
+        case = Case.of((planar if recording.dimension == 2 else spatial)(recording.rig), [recording])
     except InputError as error:
-        return [f"Sign convention: undecided ({error.what}); {error.remedy}."]
-    if case.readings:
-        return [doubted.sentence for doubted in case.readings]
-    gravity = [] if case.gravity is None else [case.gravity.sentence]
-    return [*gravity, *([] if case.sign is None else [convention_sentence(case.sign, detailed=True)])]
+        undecided = f"Sign convention: undecided ({error.what}); {error.remedy}."
+        return {"frames": [axes, *(sign or [undecided])], "readings": []}
+    readings = [doubted.sentence for doubted in case.readings]
+    gravity = [] if case.gravity is None or readings else [case.gravity.sentence]
+    decided = [] if case.sign is None or case.misread else [convention_sentence(case.sign, detailed=True)]
+    return {
+        "frames": [axes, *readings, *gravity, *(sign or decided)],
+        "readings": [doubted.to_data() for doubted in case.readings],
+    }

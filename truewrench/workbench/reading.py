@@ -87,6 +87,7 @@ class ReadingForm:
     period        of the fitted recordings' motion, s
     clock_offset  stamp of the wrench minus that of the motion, s
     together      whether the files to fit are one recording, such as wrench and motion apart
+    read          id of the reading to apply, of those that are proposed; None for none, empty to take all as it is
     """
 
     preset: str | None = None
@@ -95,6 +96,7 @@ class ReadingForm:
     clock_offset: float | None = None
     one_run: bool = False
     together: bool = False
+    read: str | None = None
 
     @classmethod
     def of(cls, request: Mapping[str, Any]) -> ReadingForm:
@@ -126,7 +128,8 @@ def case_of(training: Sequence[str], validation: Sequence[str], rig: str | None,
     fitted = [form.recording(paths, description, fitted=True) for paths in groups]
     held_out = [form.recording([path], description, fitted=False) for path in validation]
     named = _apart([*fitted, *held_out])
-    return rigid_tool_case(named[: len(fitted)], named[len(fitted) :], description)
+    read, as_read = [form.read] if form.read else [], form.read == ""
+    return rigid_tool_case(named[: len(fitted)], named[len(fitted) :], description, read=read, as_read=as_read)
 
 
 def _apart(recordings: Sequence[Recording]) -> list[Recording]:

@@ -151,10 +151,11 @@ class StudyActions:
         self._study: Study | None = None
         self._case: Case | None = None
         self._puzzle: Puzzle | None = None
+        self._form = ReadingForm()
         self._suspects: dict[int, Suspects] = {}
         self._diagnosis: Diagnosis | None = None
         self._view = View()
-        self._files: tuple[str, ...] = ()
+        self._files: tuple[Sequence[str], Sequence[str], str | None] | None = None
         self._separation: Separation | None = None
         self._line = StepLine()
 
@@ -178,6 +179,16 @@ class StudyActions:
         """Read recordings, and begin a study of the rigid tool."""
         files = request["recordings"], request.get("validate", ()), request.get("rig")
         return self._begin(*files, ReadingForm.of(request), None)
+
+    def read(self, request: Mapping[str, Any]) -> PageUpdate:
+        """Read the same recordings as a reading that is proposed has it; with an empty one, take them as they are."""
+        form = replace(self._form, read=str(request.get("reading") or ""))
+        return self._begin(*self._opened(), form, self._puzzle)
+
+    def _opened(self) -> tuple[Sequence[str], Sequence[str], str | None]:
+        if self._files is None:
+            raise InputError(**NO_STUDY)
+        return self._files
 
     def puzzle(self, request: Mapping[str, Any]) -> PageUpdate:
         """Simulate a rig with a hidden effect, and begin a study of its recordings."""
@@ -207,7 +218,7 @@ class StudyActions:
         begun = study_case(case, progress=self._progress)
         self._case, self._study, self._puzzle = case, begun, puzzle
         self._suspects, self._diagnosis, self._view, self._separation = {}, None, View.first(begun), None
-        self._files = tuple(filter(None, (*training, *validation, rig)))
+        self._files, self._form = (tuple(training), tuple(validation), rig), form
         self._line = StepLine()
         return self._changed(
             "rigid tool",
@@ -342,7 +353,9 @@ class StudyActions:
         asked, pose = str(request.get("file")), str(request.get("sensor_pose") or "")
         if asked.startswith("report"):
             self._progress("write the report")
-        download = download_of(asked, step, self._case, self._diagnosis, self._files, self._separation, pose)
+        training, validation, rig = self._opened()
+        files = [*training, *validation, *([] if rig is None else [rig])]
+        download = download_of(asked, step, self._case, self._diagnosis, files, self._separation, pose)
         return PageUpdate(download=download)
 
 
@@ -355,8 +368,8 @@ def separation_update(separation: Separation) -> PageUpdate:
 ACTIONS: Mapping[str, Callable[[StudyActions, Mapping[str, Any]], PageUpdate]] = {
     name: getattr(StudyActions, name)
     for name in (
-        "open", "puzzle", "reveal", "view", "cell", "suspects", "add", "custom", "check", "drop", "undo", "redo",
-        "diagnose", "compare", "contact", "separate", "download",
+        "open", "read", "puzzle", "reveal", "view", "cell", "suspects", "add", "custom", "check", "drop", "undo",
+        "redo", "diagnose", "compare", "contact", "separate", "download",
     )
 }  # fmt: skip
 """What the page can ask for."""

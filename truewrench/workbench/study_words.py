@@ -244,6 +244,7 @@ def reading_words(case: Case) -> str:
         "reading.html",
         recordings=[_recording_values(r, use) for r, use in several],
         sentences=frame_sentences(case),
+        readings=case.readings,
     )
 
 
