@@ -10,12 +10,14 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from markupsafe import escape
 from numpy.typing import NDArray
 
 from diagnosis.study import study
 from diagnosis.verdict_rule import RecordVerdict
 from estimation.case import Case
 from estimation.fit import fit_case
+from estimation.reading.log_reading import read
 from estimation.readings.axes_reading import axes_readings
 from estimation.readings.doubted_reading import DoubtedReading
 from estimation.readings.motion_reading import AS_LOGGED
@@ -39,6 +41,7 @@ from truewrench.simulated_rig import (
     simulate,
     static_poses,
 )
+from truewrench.workbench.study_actions import StudyActions
 
 Array = NDArray[np.float64]
 
@@ -222,6 +225,28 @@ def test_a_proposed_reading_withholds_the_verdict_until_it_is_read_so(capsys: py
     assert as_read["readings"] == []
     assert main(["diagnose", str(log)]) == 0
     assert capsys.readouterr().out.startswith("The recording seems to be read wrongly: the torques have the other sign")
+
+
+@needs(DATA / "reading_cases")
+@pytest.mark.parametrize("name", ["torque_sign", "force_x_mirrored", "torque_nmm"])
+def test_every_command_and_the_page_say_the_same(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    log = DATA / "reading_cases" / "torque_sign_or_unit" / f"{name}.csv"
+    said = {}
+    for command in ("import", "fit", "diagnose"):
+        assert main([command, str(log), "--json"]) == 0
+        said[command] = json.loads(capsys.readouterr().out)["readings"]
+    (reading,) = said["diagnose"]
+    assert said == {command: [reading] for command in said}
+    begun = study(spatial(), read(log))
+    assert only(begun.readings).to_data() == reading
+    page = StudyActions(lambda _: None)
+    opened = page.answer({"do": "open", "recordings": [str(log)]}).words["reading"]
+    assert escape(reading["sentence"]) in opened
+    read_so = page.answer({"do": "read", "reading": reading["id"]}).words["reading"]
+    assert "Read so that" in read_so
+    assert "seems to be read wrongly" not in read_so
+    as_it_is = page.answer({"do": "read", "reading": ""}).words["reading"]
+    assert "ead wrongly" not in as_it_is
 
 
 def test_a_study_says_it_and_its_diagnosis_looks_for_no_physics() -> None:
