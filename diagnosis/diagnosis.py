@@ -271,6 +271,9 @@ class Diagnosis(Tabular):
 
     def to_data(self) -> dict[str, Any]:
         """The `result.json` of this diagnosis: numbers are finite or None."""
+        from estimation.centre_of_mass import centre_of_mass_data  # of results that are written
+        from modeling.chain.sensor_axes import axes_data
+
         first = self.steps[0].training[0]
         data = {
             "channels": list(first.recording.channels),
@@ -288,6 +291,8 @@ class Diagnosis(Tabular):
             "steps": [s.to_data() for s in self.steps],
             "effects": [f.to_data() for f in self.findings],
             "parameters": estimates_data(self.fit.parameters),
+            "axes": axes_data(self.fit.model, self.fit.theta),
+            "centre_of_mass": centre_of_mass_data(self.fit, unknown=self.tool_unknown),
             "tool_unknown": self.tool_unknown or None,
             "zero_shift": None if self.zero_shift is None else dict(self.zero_shift),
             "validation_own": [disturbance_data(d) for d in self.disturbances] if self.steps[0].validation else None,

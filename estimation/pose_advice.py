@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from estimation.candidate_poses import CandidatePoses
 from estimation.fit import Fit
 from modeling.chain.prediction import compiled_prediction
+from modeling.chain.sensor_axes import is_turned
 from modeling.errors import InputError
 from modeling.identifiability import ScaledSVD
 from modeling.number_format import NOT_IDENTIFIABLE
@@ -124,9 +125,8 @@ class PoseAdvice(Tabular):
         if "qw" not in columns:
             return Table.of(["pose"], [(self.poses.words[i],) for i in self.chosen])
         numbers = (" ".join(f"{values[i] + 0.0:.4f}" for values in columns.values()) for i in self.chosen)
-        return Table.of(
-            ["sensor", "qx qy qz qw"], zip((self.poses.words[i] for i in self.chosen), numbers, strict=True)
-        )
+        frame = "axes of the logged pose" if is_turned(self.fit.model) else "sensor"
+        return Table.of([frame, "qx qy qz qw"], zip((self.poses.words[i] for i in self.chosen), numbers, strict=True))
 
     @property
     def table(self) -> Table:

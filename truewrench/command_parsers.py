@@ -249,6 +249,11 @@ def compensate(commands: Subcommands[Any]) -> argparse.ArgumentParser:
     command.add_argument("recording", metavar="REC", help="recording (CSV or Parquet) of the same rig and tool")
     text = "use the zero of the fitted recording; by default it is re-estimated from the samples without contact"
     command.add_argument("--keep-zero", action="store_true", help=text)
+    text = (
+        "axes of the wrench: the sensor's (default, also where it is turned; in the plane x' and y' of the tip),"
+        " those of the logged pose, such as a flange's, or the base's"
+    )
+    command.add_argument("--axes", choices=("sensor", "pose", "base"), help=text)
     text = "distance of the force at the tip from the sensor along the tip, planar, m (default: the rig's tip_length)"
     command.add_argument("--tip-length", type=positive, metavar="M", help=text)
     text = "probability of any false contact in a recording without contact (default: %(default)s)"

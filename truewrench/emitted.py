@@ -7,6 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from modeling.chain.model import WrenchModel
+from modeling.chain.sensor_axes import Axes, is_turned, sensor_to_pose, turn_words
 from modeling.codegen.code_target import code_target, target_names
 from modeling.codegen.fitted_model import FittedModel
 from modeling.codegen.generated_code import GeneratedCode
@@ -23,9 +29,14 @@ if TYPE_CHECKING:
     from modeling.table import Table
     from truewrench.files.model_file import Fitted
 
+Array = NDArray[np.float64]
+
 BASES = ("planar", "spatial")
 BIASED = "its values are biased by what it lacks, and their standard deviations are too small"
 """What follows for whoever uses the values of a model that does not fit."""
+
+DIFFERENT_TURN = 0.1
+"""rad, 6°, by which a stated turn of the sensor differs from the decided one, so that it is no error of mounting."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +73,8 @@ def emit(
         Sampling rate of the code in Hz; needed for a model with memory.
     sensor_pose : sequence of float, optional
         Pose of the sensor frame in the frame of the robot's description or controller (a flange): x, y, z in m, roll,
-        pitch, yaw in rad about the fixed axes x, y, z; by default the tool is written in the sensor frame.
+        pitch, yaw in rad about the fixed axes x, y, z; by default the tool is written in the sensor frame, and of a
+        sensor that is turned against the logged pose along the axes of that pose.
 
     Returns
     -------
@@ -121,11 +133,32 @@ def _tool(model: Fitted | str | Path, to: str, sensor_pose: Sequence[float] | No
         raise InputError(what="a base model has no values", where=str(model), remedy=remedy)
     saved = _model_file(model)
     calibration = saved.calibration
-    tool = ToolInertia.of(calibration.model, calibration.theta, calibration.covariance, _sensor_link(saved))
-    tool = tool if sensor_pose is None else tool.seen_from(sensor_pose)
-    said = f"Written in the {tool.frame}. {_convention_sentence(saved)} {as_sentence(tool.left_out)}".rstrip()
+    fitted, along = (calibration.model, calibration.theta), Axes.POSE if sensor_pose is None else Axes.SENSOR
+    tool = ToolInertia.of(*fitted, calibration.covariance, _sensor_link(saved), along)
+    frame = [f"Written in the {tool.frame}."]
+    if sensor_pose is not None:
+        tool = tool.seen_from(sensor_pose)
+        frame = [f"Written in the {tool.frame}.", _other_turn(*fitted, sensor_pose)]
+    said = " ".join(
+        filter(None, [*frame, as_sentence(tool.turn), _convention_sentence(saved), as_sentence(tool.left_out)])
+    )
     return Emitted(
         payload_format(to).text(tool, _source(weighed=not saved.tool_unknown)), None, said, saved.misfit_warning(BIASED)
+    )
+
+
+def _other_turn(model: WrenchModel, theta: Array, pose: Sequence[float]) -> str:
+    """That a stated pose turns a sensor otherwise than the model has it against the logged pose; empty if it does not.
+
+    Then the frame has other axes than the logged pose, or the pose was stated by mistake.
+    """
+    stated, fitted = Rotation.from_euler("xyz", pose[3:]), sensor_to_pose(model, theta)
+    apart = (stated * Rotation.from_matrix(fitted).inv()).magnitude()
+    if not is_turned(model) or apart < DIFFERENT_TURN:
+        return ""
+    return (
+        f"The pose stated turns the sensor by {turn_words(stated.as_matrix())}, and the recordings by"
+        f" {turn_words(fitted)} against the logged pose: right only if that frame has other axes than the logged pose."
     )
 
 

@@ -21,8 +21,8 @@ from estimation.recordings.column_table import ColumnTable
 from estimation.recordings.motion import QUATERNION, MotionForm, motion_columns, numbered_names
 from estimation.recordings.reading import motion_form
 from modeling import symbolic as sp
-from modeling.chain.contact_gain import contact_gain_at, group_delay
 from modeling.chain.model import WrenchModel
+from modeling.chain.sensor_axes import contact_gain_at, group_delay
 from modeling.codegen.casadi_target import CasadiSample, RecursiveFunction, state_size
 from modeling.codegen.fitted_model import sample_inputs, sample_program
 from modeling.compiled.symbolic_vector import casadi_expressions
@@ -321,8 +321,8 @@ class ContactFilter(Tabular):
     """Contact wrench row by row, the real-time counterpart of `compensate`.
 
     At each sample `update` takes the current motion and reading and gives the contact wrench (p,), N and N m, of the
-    environment on the tool with the signs and axes of `modeling.rigid_body`, of `delay` seconds ago. The
-    result is None for the first rows, until the window is full and the transfer function's initial transient has
+    environment on the tool, of `delay` seconds ago: in sensor axes, in the plane along x' and y' of the tip. The result
+    is None for the first rows, until the window is full and the transfer function's initial transient has
     decayed (`warm_up`). A row with a missing value restarts the filter.
 
     Parameters

@@ -7,7 +7,7 @@ Equation numbers: chapter 22, "Characterization of the Dynamical Model of a Forc
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
 
@@ -29,8 +29,18 @@ from estimation.model_response import model_response
 from estimation.multiplicity import chi2_sf
 from estimation.recordings.recording import Recording
 from estimation.streaming.streamed_fit import StreamedFit
-from modeling.chain.contact_gain import contact_gain_at, group_delay
 from modeling.chain.model import WrenchModel
+from modeling.chain.sensor_axes import (
+    Axes,
+    axes_named,
+    contact_gain_at,
+    contact_turn,
+    group_delay,
+    is_turned,
+    pose_to_base,
+    sensor_to_pose,
+    turn_words,
+)
 from modeling.errors import InputError, kind_of
 from modeling.noise import NoiseSource, block_means
 from modeling.number_format import P_VALUE, plain_number
@@ -71,6 +81,11 @@ class PointForce:
         gain = np.linalg.solve(arm.T @ inverse @ arm, arm.T @ inverse)
         residual = wrench - wrench @ gain.T @ arm.T
         return cls(wrench @ gain.T, gain @ covariance @ gain.T, np.einsum("ni,ij,nj->n", residual, inverse, residual))
+
+    def turned(self, turn: Array) -> PointForce:
+        """The force along other axes than the tip's, by rotations (2, 2) or (n, 2, 2) of its components."""
+        force = (turn @ self.force[:, :, None])[:, :, 0]
+        return PointForce(force, turn @ self.covariance @ np.swapaxes(turn, -1, -2), self.misfit)
 
     @cached_property
     def magnitude(self) -> Array:
@@ -138,8 +153,9 @@ class ContactMean:
 class ContactSeries:
     """Contact wrenches of a recording, and what the means of its intervals need.
 
-    wrench      (n, p); `systematic` (n, p, p) covariance from parameters and zero; `noise` (p, p) of one sample
-    inverse     (p, p) from reading to contact wrench; `remainder` (p,) systematic residual of the readings
+    wrench      (n, p); `systematic` (n, p, p) covariance from parameters and zero; `noise` of one sample, (p, p) or in
+                base axes (n, p, p)
+    inverse     from reading to contact wrench, of the same shape; `remainder` (p,) systematic residual of the readings
     forces      number of components that are forces, which come first
     tip_length  m, of a planar contact; None for none
     """
@@ -158,7 +174,9 @@ class ContactSeries:
         inside = slice(interval.first, interval.last)
         wrench, systematic = self.wrench[inside].mean(axis=0), self.systematic[inside].mean(axis=0)
         blocks = self.detection.blocks(interval.last - interval.first)
-        covariance = systematic + self.inverse @ self.detection.noise.covariance(blocks) @ self.inverse.T
+        inverse = self.inverse if self.inverse.ndim == 2 else self.inverse[inside]
+        noise = inverse @ self.detection.noise.covariance(blocks) @ np.swapaxes(inverse, -1, -2)
+        covariance = systematic + (noise if noise.ndim == 2 else noise.mean(axis=0))
         size = np.linalg.norm(self.wrench[inside, : self.forces], axis=1)
         tip_force, p_value = self._tip_force(wrench, covariance, systematic, blocks)
         return ContactMean(
@@ -280,13 +298,18 @@ def systematic_residual_rms(fitted: Fit, number: int) -> Array:
 class ContactWrench(Tabular):
     """Contact wrench during a recording, with covariance and detected contact intervals.
 
-    wrench      (n, p) of the environment on the tool, whatever the readings' signs: fcx, fcy, tauc in the plane (x',
-                y', clockwise), fcx .. tcz in the sensor frame in six axes; N and N m, about the sensor origin
-    noise       (p, p) covariance of one sample's noise; `systematic_covariance` (n, p, p) that from parameters and zero
+    wrench      (n, p) of the environment on the tool, whatever the readings' signs: fcx, fcy, tauc in the plane, fcx ..
+                tcz in six axes; N and N m, about the sensor origin, along `axes`
+    noise       covariance of one sample's noise, (p, p), or (n, p, p) in base axes
+    systematic_covariance   (n, p, p), from parameters and zero
     zero_shift  (p,) zero of the readings less that of the calibration, in the channels' units
     group_delay s, group delay of the sensor's dynamics at low frequency
     tip_length  m, distance of a planar contact from the sensor along the tip; None where none is known
     unknown     per unidentifiable parameter of the calibration, the largest change of the contact wrench per unit of it
+    axes        of the wrench: the sensor's in six axes, in the plane the tip's x' and y' (clockwise about the sensor),
+                unless others were asked for
+    turn        rotation from those axes to `axes`, (p, p), or (n, p, p) to base axes; None where these are they
+    along_tip   in the plane, where it is along other axes: along the tip's, for the force at the tip
     """
 
     recording: Recording
@@ -299,6 +322,9 @@ class ContactWrench(Tabular):
     group_delay: float
     unknown: Mapping[str, float]
     tip_length: float | None = None
+    axes: Axes = Axes.SENSOR
+    turn: Array | None = None
+    along_tip: ContactWrench | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -317,18 +343,26 @@ class ContactWrench(Tabular):
 
     @property
     def _inverse_gain(self) -> Array:
-        """From reading to contact wrench (p, p)."""
-        return np.asarray(np.linalg.inv(contact_gain_at(self.calibration.model, self.calibration.theta)[0]))
+        """From reading to contact wrench, (p, p), or (n, p, p) in base axes."""
+        inverse = np.linalg.inv(contact_gain_at(self.calibration.model, self.calibration.theta)[0])
+        return np.asarray(inverse if self.turn is None else self.turn @ inverse)
+
+    @property
+    def noise_std(self) -> Array:
+        """Std (p,) of one sample's noise, in base axes its root mean square over the recording."""
+        variance = np.diagonal(self.noise, axis1=-2, axis2=-1)
+        return np.asarray(np.sqrt(variance if variance.ndim == 1 else variance.mean(axis=0)))
 
     @property
     def floor(self) -> Array:
         """Std (p,) of one sample by the sensor's noise in the recordings of the fit."""
-        return np.asarray(np.sqrt(self._inverse_gain**2 @ self.calibration.floor**2))
+        variance = self._inverse_gain**2 @ self.calibration.floor**2
+        return np.asarray(np.sqrt(variance if variance.ndim == 1 else variance.mean(axis=0)))
 
     @property
     def noise_ratio(self) -> Array:
         """Std (p,) of the contact-free part of this recording over that of the sensor's noise in the fit."""
-        return np.asarray(np.sqrt(np.diag(self.noise)) / np.maximum(self.floor, 1e-300))
+        return np.asarray(self.noise_std / np.maximum(self.floor, 1e-300))
 
     def systematic_contact_error(self, true: Array) -> Array:
         """RMS (p,) of the systematic part of the error against the true contact wrench (n, p).
@@ -358,7 +392,10 @@ class ContactWrench(Tabular):
 
         It assumes a contact there, without a torque of its own. Without a tip length it is (fcx, fcy).
         """
-        return PointForce.of(self.wrench, self.covariance, self.noise, self.tip_length)
+        if self.turn is None:
+            return PointForce.of(self.wrench, self.covariance, self.noise, self.tip_length)
+        assert self.along_tip is not None
+        return self.along_tip.point_force.turned(self.turn[..., :2, :2])
 
     @property
     def std(self) -> Array:
@@ -403,9 +440,13 @@ class ContactWrench(Tabular):
             remainder=self.calibration.remainder,
             detection=self.detection,
             forces=self.space.value,
-            tip_length=self.tip_length if planar else None,
+            tip_length=self.tip_length if planar and self.along_tip is None else None,
         )
-        return tuple(series.mean(interval) for interval in self.intervals)
+        means = tuple(series.mean(interval) for interval in self.intervals)
+        if self.along_tip is None:
+            return means
+        along_tip = zip(means, self.along_tip.means, strict=True)
+        return tuple(replace(m, tip_force=t.tip_force, tip_p_value=t.tip_p_value) for m, t in along_tip)
 
     @property
     def unexplained_by_tip_force(self) -> tuple[ContactMean, ...]:
@@ -444,12 +485,9 @@ class ContactWrench(Tabular):
 
     def remarks(self) -> list[str]:
         """What the columns are, what the force at the tip assumes, and the contacts that contradict it."""
-        axes = "fcx along x', fcy along y' (along the tip), tauc clockwise"
-        if self.space is Space.SPACE:
-            axes = "forces fcx .. fcz and torques tcx .. tcz along the sensor's axes"
         remarks = [
-            f"Mean wrench of the environment on the tool: {axes}, about the sensor; |F| is the size of that mean force,"
-            " largest |F| that of one sample, with its noise."
+            f"Mean wrench of the environment on the tool: {self.axes_words}, about the sensor's origin; |F| is the size"
+            " of that mean force, largest |F| that of one sample, with its noise."
         ]
         if not self._has_tip:
             return remarks
@@ -458,6 +496,20 @@ class ContactWrench(Tabular):
             f" {self.tip_length:g} m along the tip and exerts no torque of its own."
         )
         return [*remarks, *self._contradictions()]
+
+    @property
+    def axes_words(self) -> str:
+        """What the components are along, and that the sensor is turned against the logged pose, where it is."""
+        model = self.calibration.model
+        turned = is_turned(model) and self.axes is not Axes.BASE
+        by = turn_words(sensor_to_pose(model, self.calibration.theta)) if turned else ""
+        against = f" (the sensor is turned by {by} against the logged pose)" if turned else ""
+        if self.space is Space.SPACE:
+            how = " as the pose was logged" if self.axes is Axes.BASE else ""
+            return f"forces fcx .. fcz and torques tcx .. tcz in {self.axes.words(self.space)}{how}{against}"
+        if self.axes is Axes.POSE:
+            return f"fcx along x', fcy along y' (along the tip), tauc clockwise{against}"
+        return f"fcx and fcy in {self.axes.words(self.space)}, tauc clockwise{against}"
 
     def _contradictions(self) -> list[str]:
         """One sentence about the contacts that a force at the tip does not explain, if there are any."""
@@ -504,6 +556,7 @@ def compensate(
     keep_zero: bool = False,
     tip_length: float | None = None,
     false_alarms: float = LEVELS.contact,
+    axes: Axes | str | None = None,
 ) -> ContactWrench:
     """The contact wrench of a recording: its readings less the fitted tool's load.
 
@@ -519,6 +572,10 @@ def compensate(
         Distance of a planar contact from the sensor origin along the tip, m; by default the rig's.
     false_alarms : float, optional
         Largest probability of any detected contact interval in a recording without contact, by default 0.01.
+    axes : {"sensor", "pose", "base"}, optional
+        Axes of the wrench: the sensor's, those of the logged pose (a flange's, where its pose was logged), or the
+        base's as the pose was logged. By default the sensor's, also where it is turned against the pose; in the plane
+        x' and y' of the tip, which are those of the pose.
 
     Returns
     -------
@@ -529,7 +586,8 @@ def compensate(
     Raises
     ------
     InputError
-        When the channels differ, a signal that the model needs is missing, or the arguments are swapped.
+        When the channels differ, a signal that the model needs is missing, the arguments are swapped, or there are no
+        such axes.
 
     Notes
     -----
@@ -551,6 +609,8 @@ def compensate(
     [(1.5, 2.5), (6.5, 7.5), (11.5, 12.5), (16.5, 17.5)]
     """
     _require_order(fitted, recording)
+    own_axes = Axes.of_contact(_calibration(fitted).model.space)
+    wanted = own_axes if axes is None else axes_named(axes)
     calibration = _calibration(fitted).without_recording_specific
     recording = prepared(recording, calibration.model)
     response = model_response(calibration.model, recording, calibration.theta)
@@ -574,19 +634,52 @@ def compensate(
     tangent = -np.einsum("ij,njk->nik", inverse, tangent + np.einsum("ijk,nj->nik", slopes, wrench))
     is_known = calibration.known
     unidentifiable = np.abs(tangent[:, :, ~is_known]).max(axis=(0, 1), initial=0.0)
-    tangent, covariance = tangent[:, :, is_known], calibration.covariance[np.ix_(is_known, is_known)]
-    systematic = np.einsum("nik,kl,njl->nij", tangent, covariance, tangent, optimize=True)
-    return ContactWrench(
+    contact = ContactWrench(
         recording=recording,
         calibration=calibration,
         detection=detection,
         wrench=wrench,
         noise=inverse @ detection.covariance @ inverse.T,
-        systematic_covariance=systematic + inverse @ detection.zero_covariance @ inverse.T,
+        systematic_covariance=_systematic(calibration, tangent) + inverse @ detection.zero_covariance @ inverse.T,
         zero_shift=detection.zero,
         group_delay=group_delay(calibration.model, calibration.theta),
         unknown=_unidentified_parameters(calibration, unidentifiable),
         tip_length=_tip_length(recording, tip_length),
+        axes=own_axes,
+    )
+    return contact if wanted is own_axes else _along(contact, wanted, tangent)
+
+
+def _systematic(calibration: CalibratedModel, tangent: Array) -> Array:
+    """Covariance (n, p, p) by the parameters, of derivatives (n, p, k) in them; those not identifiable left out."""
+    is_known = calibration.known
+    tangent, covariance = tangent[:, :, is_known], calibration.covariance[np.ix_(is_known, is_known)]
+    return np.asarray(np.einsum("nik,kl,njl->nij", tangent, covariance, tangent, optimize=True))
+
+
+def _along(contact: ContactWrench, axes: Axes, tangent: Array) -> ContactWrench:
+    """The contact along other axes, its covariances turned along; `tangent` (n, p, k) is its derivative.
+
+    The turn of the sensor may be estimated: contact' = A(theta) contact has the derivative A d contact + dA contact.
+    """
+    model, theta, recording = contact.calibration.model, contact.calibration.theta, contact.recording
+    turn, slopes = contact_turn(model, theta, axes)
+    tangent = turn @ tangent + np.einsum("ijk,nj->nik", slopes, contact.wrench)
+    if axes is Axes.BASE:
+        direction = None if recording.rig is None else recording.rig.gravity_direction
+        to_base = pose_to_base(model.space, recording.signals, direction)
+        turn, tangent = to_base @ turn, to_base @ tangent
+    inverse = turn @ contact._inverse_gain
+    transposed = np.swapaxes(inverse, -1, -2)
+    return replace(
+        contact,
+        wrench=(turn @ contact.wrench[:, :, None])[:, :, 0],
+        noise=inverse @ contact.detection.covariance @ transposed,
+        systematic_covariance=_systematic(contact.calibration, tangent)
+        + inverse @ contact.detection.zero_covariance @ transposed,
+        axes=axes,
+        turn=turn,
+        along_tip=contact if contact.space is Space.PLANE else None,
     )
 
 

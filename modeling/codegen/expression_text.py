@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 from modeling import symbolic as sp
 from modeling.chain.model import ALIGNED_MOUNTING
+from modeling.chain.sensor_axes import is_turned, sensor_to_pose, turn_words
 from modeling.codegen.fitted_model import FittedModel, has_memory
 from modeling.codegen.rigid_tool_regressor import RigidToolRegressor
 from modeling.compiled.straight_line_program import StraightLineProgram
@@ -213,6 +214,7 @@ def signal_documentation(fitted: FittedModel) -> list[str]:
         f"Fitted model of the tool on a {title} wrist force/torque sensor. Effects beyond the rigid tool: {effects}.",
         PLANAR_SIGNALS if model.space is Space.PLANE else SPATIAL_SIGNALS,
         *_base_documentation(fitted),
+        *_turn_documentation(fitted),
         *([JOINT_SIGNALS] if "q1" in fitted.inputs else []),
         f"Signals u in order: {', '.join(fitted.inputs)}. No other signals are needed.",
         f"Readings: {with_units(zip(model.channels, model.space.units, strict=True))}. {_signs(fitted)}",
@@ -233,6 +235,17 @@ def _base_documentation(fitted: FittedModel) -> list[str]:
         return [f"{along} turned clockwise by {base_angle(direction):.9g} rad: add it to phi, and turn vectors by it."]
     quaternion = ", ".join(f"{c:.9g}" for c in base_placement(direction).quaternion)
     return [f"{along} turned by the quaternion ({quaternion}), x y z w: v_world = R v_base. Turn the motion by it."]
+
+
+def _turn_documentation(fitted: FittedModel) -> list[str]:
+    """Which vectors are along which axes, where the sensor is turned against the pose of the motion."""
+    if not is_turned(fitted.model):
+        return []
+    words = turn_words(sensor_to_pose(fitted.model, fitted.theta))
+    return [
+        f"The sensor is turned by {words} against the axes of the logged pose: those of the orientation, of omega and"
+        " alpha, and of first moment and inertia. Readings, biases and contact are in sensor axes."
+    ]
 
 
 def _signs(fitted: FittedModel) -> str:
@@ -256,7 +269,7 @@ def _contact(fitted: FittedModel) -> str:
     where = (
         "along x' and y' and clockwise about the sensor, whatever the readings' signs"
         if fitted.model.space is Space.PLANE
-        else "in the sensor frame, about the sensor origin, whatever the readings' signs"
+        else "in sensor axes, about the sensor origin, whatever the readings' signs"
     )
     return (
         f"Contact: the wrench of the environment on the tool, {', '.join(fitted.components)}, {where}:"

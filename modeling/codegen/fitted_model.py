@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modeling import symbolic as sp
-from modeling.chain.contact_gain import contact_gain
 from modeling.chain.model import WrenchModel
 from modeling.chain.prediction import compiled_prediction
+from modeling.chain.sensor_axes import contact_gain
 from modeling.compiled.straight_line_program import StraightLineProgram, forward_derivative, required_definitions
 from modeling.dynamics.discrete_deflection import DiscreteDeflection, deflected
 from modeling.dynamics.sample_program import SampleProgram, SampleProgramBuilder

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modeling.codegen.payload_format import MOMENTS, PayloadFormat, remarks, where_it_goes
-from modeling.codegen.tool_inertia import ToolInertia
+from modeling.codegen.tool_inertia import ALONG_POSE, ToolInertia
 from modeling.rig import STANDARD_GRAVITY
 
 Array = NDArray[np.float64]
@@ -18,6 +18,15 @@ Array = NDArray[np.float64]
 
 
 FLANGE = "the controller takes them in the flange's frame: where that is another one, emit with --sensor-pose"
+OF_POSE = (
+    "the controller takes them in the flange's frame, whose axes these are if its pose was logged; else, or where its"
+    " origin is not the sensor's, emit with --sensor-pose, the pose of the sensor's own axes"
+)
+"""The same of axes of a logged pose that the sensor's are turned against."""
+
+
+def _flange(tool: ToolInertia) -> str:
+    return OF_POSE if tool.frame.startswith(ALONG_POSE) else FLANGE
 
 
 class UniversalRobots(PayloadFormat):
@@ -32,7 +41,7 @@ class UniversalRobots(PayloadFormat):
     def text(self, tool: ToolInertia, source: str) -> str:
         """The script."""
         lines = [f"# {remark}" for remark in remarks(tool, source)]
-        lines += [f"# {FLANGE}; mass (kg), centre of mass [x, y, z] (m):"]
+        lines += [f"# {_flange(tool)}; mass (kg), centre of mass [x, y, z] (m):"]
         lines.append(f"set_payload({tool.mass!r}, {_list(tool.centre_of_mass)})")
         if tool.inertia is not None:
             moments = _list(tool.inertia[at] for at in MOMENTS.values())
@@ -52,7 +61,7 @@ class Franka(PayloadFormat):
         columns = np.ravel(tool.required_inertia(self.name), order="F")
         lines = [f"// {remark}" for remark in remarks(tool, source)]
         lines += [
-            f"// {FLANGE}; mass (kg), centre of mass (m), and inertia about it (kg m²)",
+            f"// {_flange(tool)}; mass (kg), centre of mass (m), and inertia about it (kg m²)",
             "// by columns Ixx, Ixy, Ixz, Ixy, Iyy, Iyz, Ixz, Iyz, Izz",
         ]
         lines += [

@@ -63,6 +63,7 @@ def remarks(tool: ToolInertia, source: str) -> list[str]:
         sentences.append(f"inertia about the centre of mass, along the frame's axes (kg m²) {_listed(moments)}")
     sentences += [
         f"frame: {tool.frame}",
+        *([tool.turn] if tool.turn else []),
         *([tool.left_out] if tool.left_out else []),
         "the part of the sensor between the flange and its strain gauges is not included: the sensor does not weigh it",
     ]

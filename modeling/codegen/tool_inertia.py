@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from modeling.chain.model import WrenchModel
 from modeling.chain.pseudo_inertia import pseudo_inertia
+from modeling.chain.sensor_axes import Axes, is_turned, pose_to_sensor, turn_words
 from modeling.errors import InputError
 from modeling.space import Space
 
@@ -50,7 +51,9 @@ ROUNDING = 1e-9
 LARGEST_OFFSET = 2.0
 """Metres between the sensor and the frame in which its pose is stated, from which millimetres were meant."""
 SENSOR_FRAME = "sensor frame"
-"""The frame whose pose was recorded, or to which the joints lead."""
+"""The frame of the readings, which is the one whose pose was logged unless the sensor is turned against it."""
+ALONG_POSE = "frame at the sensor's origin along the axes of the logged pose"
+"""The frame of the tool's parameters where the sensor is turned against the logged pose."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -64,6 +67,7 @@ class ToolInertia:
     inertia_modes   (k, 3, 3) kg m²: changes of these by one std of each of k uncorrelated combinations of parameters
     frame           what the axes are
     link            name of the link whose frame it is, where the rig names it; else empty
+    turn            what is said of a sensor that is turned against the logged pose; empty of one that is not
     left_out        the effects of its model that these numbers do not express, as a line; empty without any
     """
 
@@ -75,6 +79,7 @@ class ToolInertia:
     inertia_modes: Array
     frame: str = SENSOR_FRAME
     link: str = ""
+    turn: str = ""
     left_out: str = ""
 
     @property
@@ -88,10 +93,13 @@ class ToolInertia:
         return np.asarray(np.sqrt(np.square(self.inertia_modes).sum(axis=0)))
 
     @classmethod
-    def of(cls, model: WrenchModel, theta: Array, covariance: Array, link: str = "") -> ToolInertia:
-        """The tool of a six-axis model at its parameters theta (k,) with covariance (k, k), in the sensor frame.
+    def of(
+        cls, model: WrenchModel, theta: Array, covariance: Array, link: str = "", along: Axes = Axes.POSE
+    ) -> ToolInertia:
+        """The tool of a six-axis model at its parameters theta (k,) with covariance (k, k), from the sensor's origin.
 
-        `link` names that frame, where the rig does.
+        It is `along` the axes of the logged pose, which are a flange's where its pose was logged, or the sensor's;
+        `link` names the frame to which joints lead, where the rig does.
 
         With the pseudo-inertia [[Sigma, c], [c', m]] about the sensor origin (Wensing et al. 2018) the second moments
         about the centre of mass c/m are its Schur complement Sigma - c c'/m, and the inertia is tr(.) 1 minus them.
@@ -117,17 +125,37 @@ class ToolInertia:
             if any(not identifiable[n] for n in identifiable if n[0] == "I" and len(n) == 3)
             else _consistent(second)
         )
-        centre_modes, inertia_modes = _modes(matrix, np.tensordot(_one_std_changes(covariance), pseudo.slopes, axes=1))
-        return cls(
+        changes = _one_std_changes(covariance)
+        centre_modes, inertia_modes = _modes(matrix, np.tensordot(changes, pseudo.slopes, axes=1))
+        rotation, slopes = pose_to_sensor(model, theta)
+        turned = is_turned(model)
+        link = "" if turned and along is Axes.SENSOR else link
+        tool = cls(
             mass=mass,
             mass_std=float(np.sqrt(covariance[place, place])),
             centre_of_mass=first / mass,
             inertia=central,
             centre_modes=centre_modes,
             inertia_modes=inertia_modes,
-            frame=f"{SENSOR_FRAME}, link {link}" if link else SENSOR_FRAME,
+            frame=f"{ALONG_POSE if turned and along is Axes.POSE else SENSOR_FRAME}{f', link {link}' if link else ''}",
             link=link,
+            turn=f"the sensor is turned by {turn_words(rotation.T)} against the axes of the logged pose"
+            if turned
+            else "",
             left_out=left_out(model, theta),
+        )
+        return tool._turned(rotation, np.tensordot(changes, slopes, axes=(1, 2))) if along is Axes.SENSOR else tool
+
+    def _turned(self, rotation: Array, changes: Array) -> ToolInertia:
+        """Along axes R v with this rotation R (3, 3), which has changes (k, 3, 3) by one std of each combination."""
+        moments = np.zeros((3, 3)) if self.inertia is None else self.inertia
+        of_rotation = changes @ moments @ rotation.T
+        return replace(
+            self,
+            centre_of_mass=rotation @ self.centre_of_mass,
+            inertia=None if self.inertia is None else rotation @ self.inertia @ rotation.T,
+            centre_modes=self.centre_modes @ rotation.T + changes @ self.centre_of_mass,
+            inertia_modes=rotation @ self.inertia_modes @ rotation.T + of_rotation + np.swapaxes(of_rotation, 1, 2),
         )
 
     def seen_from(self, pose: Sequence[float]) -> ToolInertia:
@@ -143,15 +171,12 @@ class ToolInertia:
             what = f"an angle of {max(map(abs, pose[3:])):g} rad is more than a turn: degrees?"
             raise InputError(what=what, where="sensor pose", remedy="give m, and roll, pitch and yaw in rad")
         turn, place = Rotation.from_euler("xyz", pose[3:]).as_matrix(), np.asarray(pose[:3], dtype=np.float64)
-        turned = None if self.inertia is None else turn @ self.inertia @ turn.T
-        sensor = f"sensor (link {self.link})" if self.link else "sensor"
+        sensor = f"sensor (link {self.link})" if self.link else f"sensor{' (its own axes)' * bool(self.turn)}"
         where = f"frame in which the {sensor} is at {' '.join(f'{v:g}' for v in pose)}"
+        turned = self._turned(turn, np.zeros((len(self.centre_modes), 3, 3)))
         return replace(
-            self,
-            centre_of_mass=turn @ self.centre_of_mass + place,
-            inertia=turned,
-            centre_modes=self.centre_modes @ turn.T,
-            inertia_modes=turn @ self.inertia_modes @ turn.T,
+            turned,
+            centre_of_mass=turned.centre_of_mass + place,
             frame=f"{where} (m, rad: x y z roll pitch yaw)",
             link="",
         )

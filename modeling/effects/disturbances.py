@@ -243,8 +243,9 @@ class PayloadChange(PointEffect):
 class ContactEvent(Effect):
     """A constant contact wrench on the tool between start and end (s).
 
-    The wrench is the environment's on the tool: along x' and y' and clockwise about the sensor in the plane, in the
-    sensor frame in six axes. It rises and falls within 10 ms, so that the reading is differentiable in the times.
+    The wrench is the environment's on the tool: along x' and y' and clockwise about the sensor in the plane, along the
+    axes of the logged pose in six axes. It rises and falls within 10 ms, so that the reading is differentiable in the
+    times.
     """
 
     id = "contact_event"
@@ -315,7 +316,7 @@ class ContactEvent(Effect):
 def _component_in_words(name: str) -> str:
     """What a component of the contact's wrench is: `fcx`, or `tauc` in the plane."""
     kind = "force" if name.startswith("f") else "torque"
-    return f"its {kind}, sensor's {name[-1]} axis" if name[-1] in "xyz" else f"its {kind}"
+    return f"its {kind}, {name[-1]} axis of the logged pose" if name[-1] in "xyz" else f"its {kind}"
 
 
 def ramp(elapsed: sp.Expr) -> sp.Expr:

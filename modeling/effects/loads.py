@@ -33,13 +33,13 @@ OFFSETS = tuple(
     Parameter(
         name=name,
         unit="m",
-        meaning=f"place of the point across the tip, along the sensor's {name} axis",
+        meaning=f"place of the point across the tip, along the {name} axis of the logged pose",
         bounds=(-0.5, 0.5),
         role=Role.SHAPE,
     )
     for name in ("x", "y")
 )
-"""Position beside the tip axis, along the sensor's x and y axes: as far as a tool reaches."""
+"""Position beside the tip axis, along x and y of the logged pose: as far as a tool reaches."""
 ON_AXIS = tuple(replace(p, bounds=(0.0, 0.0)) for p in OFFSETS)
 POINT_AMOUNTS = {"x": 0.03, "y": -0.02, "d": 0.12}
 """Where a point is in tests of an effect (`amounts`): within a tool, off its axis."""
@@ -57,7 +57,7 @@ class PointEffect(Effect):
     on_axis: bool = False
 
     def point_parameters(self, space: Space) -> tuple[Parameter, ...]:
-        """Coordinates of the point in the sensor frame, m: d in the plane; x, y, d in six axes."""
+        """Coordinates of the point along the axes of the logged pose, m: d in the plane; x, y, d in six axes."""
         if space is Space.PLANE:
             return (TIP_DISTANCE,)
         return (*(ON_AXIS if self.on_axis else OFFSETS), TIP_DISTANCE)

@@ -17,8 +17,8 @@ import numpy as np
 import sympy as sp
 from numpy.typing import ArrayLike, NDArray
 
-from modeling.chain.contact_gain import contact_gain_at
 from modeling.chain.model import WrenchModel
+from modeling.chain.sensor_axes import contact_gain_at
 from modeling.codegen.casadi_target import CasadiSample, RecursiveFunction, state_size
 from modeling.codegen.fitted_model import FittedModel, sample_inputs, sample_program
 from modeling.dynamics.sample_program import SampleProgram

@@ -274,7 +274,7 @@ def test_the_sign_of_six_axes_is_decided_and_reported(convention: Convention, ru
     assert f"({convention.value}).\n" in text  # nothing of the mounting, which is none
     detailed = run("fit", path, "--verbose").out
     assert "First estimates, from the weight alone: mass" in detailed
-    assert "against the axes of the motion" in detailed
+    assert "against the axes of the logged pose" in detailed
     assert "not identifiable" in text
 
 

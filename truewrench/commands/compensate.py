@@ -10,6 +10,7 @@ import numpy as np
 
 from estimation.contact.contact_wrench import ContactWrench, compensate
 from estimation.reading.log_reading import read_with_rig
+from modeling.chain.sensor_axes import sensor_to_pose
 from modeling.number_format import finite
 from modeling.space import Space
 from truewrench.commands.results import print_result
@@ -39,6 +40,7 @@ def run(arguments: argparse.Namespace) -> None:
             keep_zero=arguments.keep_zero,
             tip_length=arguments.tip_length,
             false_alarms=arguments.false_alarms,
+            axes=arguments.axes,
         )
 
     def written() -> list[Path]:
@@ -79,9 +81,11 @@ def contact_data(contact: ContactWrench) -> dict[str, Any]:
         "recording": contact.recording.name,
         "samples": contact.recording.samples,
         "components": list(contact.names),
+        "axes": contact.axes.value,
+        "sensor_to_pose": sensor_to_pose(contact.calibration.model, contact.calibration.theta).tolist(),
         "zero_shift": _by_name(channels, contact.zero_shift),
         "zero_shift_std": _by_name(channels, np.sqrt(np.diag(detection.zero_covariance))),
-        "noise": _by_name(contact.names, np.sqrt(np.diag(contact.noise))),
+        "noise": _by_name(contact.names, contact.noise_std),
         "free": float(detection.free.mean()),
         "false_alarms": detection.false_alarms,
         "late": contact.group_delay,
@@ -120,13 +124,15 @@ def contact_text(contact: ContactWrench) -> str:
     shifts = zip(contact.calibration.model.channels, contact.zero_shift, space.units, strict=True)
     std = np.sqrt(np.diag(detection.zero_covariance))
     shift = ", ".join(f"{c} {v:.3g} ± {s:.2g} {u}" for (c, v, u), s in zip(shifts, std, strict=True))
-    size = zip(contact.names, np.sqrt(np.diag(contact.noise)), space.units, strict=True)
+    size = zip(contact.names, contact.noise_std, space.units, strict=True)
     lines = [
         head,
-        f"Zero shift relative to the fitted recording: {shift}."
+        f"Zero shift relative to the fitted recording, in sensor axes: {shift}."
         if std.any()
         else "Zero: that of the fitted recording.",
-        "Noise of one sample: " + ", ".join(f"{n} {v:.2g} {u}" for n, v, u in size) + ".",
+        f"Noise of one sample, in {contact.axes.words(space)}: "
+        + ", ".join(f"{n} {v:.2g} {u}" for n, v, u in size)
+        + ".",
     ]
     if std.any():
         lines.append(

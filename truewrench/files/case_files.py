@@ -20,6 +20,7 @@ from estimation.recordings.sign_convention import (
     nearest_quarter_turns,
 )
 from modeling.chain.model import ALIGNED_MOUNTING, planar, spatial
+from modeling.chain.sensor_axes import turn_words
 from modeling.errors import InputError, quoted
 from modeling.rig import Convention, Rig
 
@@ -162,17 +163,18 @@ def convention_sentence(sign: SignDecision, *, detailed: bool = False) -> str:
 
     `detailed`: with the mass and the mounting that the decision was made with.
     """
-    decided = f"Sign convention decided from the data: the sensor reads {MEANINGS[sign.convention]}"
-    turned = f"turned by {degrees(mounting_angle(sign)):.1f}° against the axes of the motion"
+    decided = f"Sign convention decided from the data: the sensor reads {MEANINGS[sign.convention]}."
+    turned = nearest_quarter_turns(sign.mounting) != ALIGNED_MOUNTING
+    angle = turn_words(sign.mounting.T) if turned else f"{degrees(mounting_angle(sign)):.1f}°"
+    estimate = f"turned by {angle} against the axes of the logged pose"
     if detailed:
-        return f"{decided}. First estimates, from the weight alone: mass {sign.mass:.4g} kg, sensor {turned}."
-    if nearest_quarter_turns(sign.mounting) != ALIGNED_MOUNTING:
-        decided = f"{decided}, {turned}"
-    return f"{decided}. {SUBTRACTED}" if sign.convention is Convention.ON_TOOL else f"{decided}."
+        return f"{decided} First estimates, from the weight alone: mass {sign.mass:.4g} kg, sensor {estimate}."
+    decided = f"{decided} By the weight alone the sensor is {estimate}." if turned else decided
+    return f"{decided} {SUBTRACTED}" if sign.convention is Convention.ON_TOOL else decided
 
 
 def convention_data(sign: SignDecision) -> dict[str, Any]:
-    """The decision as data: kg, degrees, and the rotation (3, 3) from the frame of the motion to the readings'."""
+    """The decision as data: kg, degrees, and the rotation (3, 3) from the axes of the logged pose to the sensor's."""
     return {
         "convention": sign.convention.value,
         "mass": sign.mass,

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from estimation.centre_of_mass import centre_of_mass_data
 from estimation.contact.contact_wrench import CalibratedModel
 from estimation.fit import Fit, predicted_frame, require_recording
 from estimation.least_squares.estimates import (
@@ -29,6 +30,7 @@ from estimation.recordings.recording import readings_digest
 from estimation.streaming.streamed_fit import StreamedFit
 from modeling.chain.effect import Effect
 from modeling.chain.model import QUARTER_TURNS, QuarterTurnRotation, WrenchModel
+from modeling.chain.sensor_axes import axes_data
 from modeling.effects import named
 from modeling.effects.loads import OFFSETS
 from modeling.errors import InputError, file_text, kind_of
@@ -215,6 +217,8 @@ class ModelFile(NamedEstimates, Tabular):
             "convention": self.model.convention.value,
             "mirror_y": self.model.mirror_y,
             "mounting": [list(row) for row in self.model.mounting],
+            "axes": axes_data(self.model, self.theta),
+            "centre_of_mass": centre_of_mass_data(self, unknown=self.tool_unknown),
             "channels": list(self.model.channels),
             "effects": [_effect_data(effect) for effect in self.model.effects],
             "parameters": {
@@ -411,6 +415,8 @@ class _Model(StrictTable):
     convention: Literal["on_tool", "on_sensor"]
     mirror_y: bool
     mounting: list[list[int]]
+    axes: dict[str, Any] | None = None  # they follow from the others, for who reads the file
+    centre_of_mass: dict[str, Any] | None = None
     channels: list[str]
     effects: list[_Effect]
     parameters: dict[str, _Estimate]

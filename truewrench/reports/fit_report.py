@@ -21,6 +21,7 @@ from truewrench.reports.parameter_changes import ParameterChanges
 from truewrench.reports.report_files import Provenance, ReportTexts
 from truewrench.reports.report_html import RecordingSection, full_section, sharing_numbers, short_section
 from truewrench.text.fit_summary import FitSummary
+from truewrench.text.tool_text import tool_notes
 
 # Report of a comparison: several models on the same recordings.
 
@@ -128,6 +129,7 @@ def _values(summary: FitSummary, provenance: Provenance) -> dict[str, Any]:
         "remark": f"{remark[:1].upper()}{remark[1:]}",
         "errors": _error_table(summary),
         "parameters": ParameterChanges(None, fit, known=not summary.unknown_tool),
+        "tool": [] if summary.unknown_tool else tool_notes(fit, misfitting=bool(summary.misfitting)),
         "unknown_tool": unknown_tool_sentences(summary.unknown_tool),
         "cards": effect_cards(fit),
         "recordings": _sections(summary),

@@ -58,6 +58,7 @@ from truewrench.text.diagnosis_text import (
     verdict_headline,
     weaker_verdict_warning,
 )
+from truewrench.text.tool_text import tool_notes
 
 # Head of the report: verdict, effects added, residual of the worst channel.
 
@@ -342,6 +343,7 @@ def _values(diagnosis: Diagnosis, provenance: Provenance) -> dict[str, Any]:
             diagnosis.steps[0].fit if changed else None, diagnosis.fit, known=not diagnosis.tool_unknown
         ),
         "unknown_tool": unknown_tool_sentences(diagnosis.tool_unknown),
+        "tool": [] if diagnosis.tool_unknown else tool_notes(diagnosis.fit, misfitting=bool(diagnosis.misfitting)),
         "zero_shift": _by_channel(diagnosis, diagnosis.zero_shift or {}),
         "unexplained": diagnosis.unexplained,
         "unexplained_sizes": _by_channel(

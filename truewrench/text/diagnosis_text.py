@@ -17,7 +17,7 @@ from modeling.noise import NoiseSource
 from modeling.number_format import as_sentence, estimate_text, format_percentage
 from modeling.significance import LEVELS
 from truewrench.effect_description.effect_size import size_sentence
-from truewrench.text.tool_text import tool_extent_text, tool_text
+from truewrench.text.tool_text import tool_lines
 
 # Names of the models of a diagnosis, from the one that the search began with to the last effect added, by ids.
 
@@ -210,7 +210,7 @@ def diagnosis_text(diagnosis: Diagnosis) -> str:
         verdict_sentence(diagnosis),
         *(_beginning_text(diagnosis, effect) for effect in diagnosis.steps[0].fit.model.effects),
         *(effect_text(f, diagnosis.fit) for f in diagnosis.findings if f.verdict is EffectVerdict.SUPPORTED),
-        *_tool_lines(diagnosis),
+        *tool_lines(diagnosis.fit, misfitting=bool(diagnosis.misfitting), unknown=diagnosis.tool_unknown),
         error_reduction_text(diagnosis),
         "\n".join(_evidence(diagnosis)),
         *([f"Candidate effects:\n{diagnosis.table}\n{CANDIDATES_NOTE}"] if diagnosis.findings else []),
@@ -218,14 +218,6 @@ def diagnosis_text(diagnosis: Diagnosis) -> str:
     if diagnosis.unexplained is not None and not misread:  # else it is what was said first
         parts.append(_unexplained_text(diagnosis.unexplained))
     return "\n\n".join(parts)
-
-
-def _tool_lines(diagnosis: Diagnosis) -> list[str]:
-    """The tool, and whether it is as large as no tool is; of readings that are not its own, that it is not known."""
-    unknown = diagnosis.tool_unknown
-    tool = tool_text(diagnosis.fit, misfitting=bool(diagnosis.misfitting), unknown=unknown)
-    extent = "" if unknown else tool_extent_text(diagnosis.fit)
-    return [line for line in (tool, extent) if line]
 
 
 def verdict_sentence(diagnosis: Diagnosis) -> str:
@@ -283,7 +275,7 @@ def _evidence(diagnosis: Diagnosis) -> list[str]:
     if diagnosis.zero_shift:
         shifts = zip(diagnosis.zero_shift.items(), last.training[0].space.units, strict=True)
         texts = ", ".join(f"{c} {s:.3g} {u}" for (c, s), u in shifts)
-        lines.append(f"Zero shift of the held-out recording: {texts}.")
+        lines.append(f"Zero shift of the held-out recording, in sensor axes: {texts}.")
     return lines + disturbance_sentences(diagnosis)
 
 

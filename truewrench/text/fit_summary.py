@@ -14,7 +14,7 @@ from diagnosis.comparison.slow_residual import SlowResidual, slow_residuals
 from diagnosis.verdict.aliasing import channel_tolerance
 from diagnosis.verdict.unexplained_residual import describe_residual, motion_notes, unknown_tool_reason
 from estimation.case import Case
-from estimation.centre_of_mass import CentreOfMass
+from estimation.centre_of_mass import centres_of_mass
 from estimation.confidence_intervals import MAX_DEGREES_OF_FREEDOM, Intervals
 from estimation.contact.rows_left_out import RowsLeftOut, rows_left_out
 from estimation.fit import Fit
@@ -23,6 +23,7 @@ from estimation.least_squares.estimates import HELD, NOT_CONVERGED, Estimate
 from estimation.pose_advice import PoseAdvice
 from estimation.repeat_table import RepeatTable
 from estimation.robust_fit import RobustFit
+from modeling.chain.sensor_axes import is_turned
 from modeling.noise import NoiseSource
 from modeling.number_format import as_sentence, estimate_text, interval_text
 from modeling.significance import LEVELS
@@ -35,8 +36,7 @@ from truewrench.text.tool_text import (
     NOT_KNOWN,
     constant_channels,
     constant_torques_text,
-    tool_extent_text,
-    tool_text,
+    tool_lines,
 )
 
 ADVICE = (
@@ -149,10 +149,8 @@ class FitSummary:
         """Every estimate with std, 95 % interval and its degrees of freedom, and remarks on identifiability."""
         names = ("parameter", "value", f"{self.intervals.level:.0%} interval", "degrees of freedom")
         table = Table.of(names, self._parameter_rows())
-        legend = f"({LEGEND[self.fit.model.space]}; sensor axes)"
-        unknown = self.unknown_tool
-        tool = [text] if (text := tool_text(self.fit, misfitting=bool(self.misfitting), unknown=unknown)) else []
-        tool += [text] if not unknown and (text := tool_extent_text(self.fit)) else []
+        legend = f"({LEGEND[self.fit.model.space]}{'' if is_turned(self.fit.model) else '; sensor axes'})"
+        tool = tool_lines(self.fit, misfitting=bool(self.misfitting), unknown=self.unknown_tool)
         return "\n".join([str(table), legend, *tool, *self._effect_sizes(), *self.fit.remarks()])
 
     def _parameter_rows(self) -> Iterator[tuple[str, ...]]:
@@ -206,7 +204,7 @@ class FitSummary:
     def _poses(self) -> Iterator[str]:
         if any(r.at_rest for r in self.fit.recordings):
             if not constant_torques_text(self.fit):
-                yield str(CentreOfMass.of(self.fit))
+                yield "\n".join(str(centre) for centre in centres_of_mass(self.fit))
             yield str(PoseAdvice.of(self.fit))
 
     # ------------------------------------------------------------------------------------------- data

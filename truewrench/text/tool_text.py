@@ -7,9 +7,10 @@ from math import isfinite, sqrt
 import numpy as np
 
 from diagnosis.verdict.unexplained_residual import unknown_tool_sentences
-from estimation.centre_of_mass import CentreOfMass
+from estimation.centre_of_mass import SIGNIFICANT, CentreOfMass, centres_of_mass
 from estimation.fit import Fit
 from estimation.least_squares.estimates import NOT_CONVERGED
+from modeling.chain.sensor_axes import Axes, is_turned, sensor_to_pose, turn_words
 from modeling.number_format import estimate_text
 from modeling.space import Space
 
@@ -21,8 +22,6 @@ FARTHEST = 2.0
 N mm makes a centre of mass of 10 mm one of 10 m. It is a remark alone; no verdict rests on it."""
 CLEAR = 5.0
 """Std by which the distances exceed `FARTHEST`: an inertia that the motion hardly excites may have any value."""
-SIGNIFICANT = 5.0
-"""Std of a mass from which the distances are defined."""
 INERTIA = {Space.PLANE: (("I", 1.0),), Space.SPACE: (("Ixx", 0.5), ("Iyy", 0.5), ("Izz", 0.5))}
 """Parameters that sum to the mass times its mean square distance from the sensor origin, with their factors."""
 
@@ -113,17 +112,46 @@ def tool_text(fitted: Fit, *, misfitting: bool, unknown: str = "") -> str:
         weight, why = ("not known", TOO_STILL) if _may_be_heavy(fitted) else ("none", WEIGHTLESS)
         weight, why = ("not known", f"{'; '.join(constant)}.") if constant else (weight, why)
         return f"Tool: {weight}, m {estimate_text(mass.value, mass.std, mass.unit)}: {why}"
-    centre = CentreOfMass.of(fitted)
-    parts = [
-        f"{axis} {estimate_text(1e3 * value, 1e3 * std, 'mm')}"
-        for axis, value, std in zip(centre.axes, centre.value, centre.std, strict=True)
-        if isfinite(std)
-    ]
-    where = f"; centre of mass {', '.join(parts)} from the sensor's origin, in its axes" if parts else ""
+    centres = [text for centre in centres_of_mass(fitted) if (text := _coordinates(centre))]
+    where = f"; centre of mass from the sensor's origin {' and '.join(centres)}" if centres else ""
     where = f"; centre of mass {unmeasured}" if (unmeasured := constant_torques_text(fitted)) else where
     doubts = [*constant, *([NOT_CONVERGED] if not fitted.converged else []), *([BIASED] if misfitting else [])]
     doubt = f" ({'; '.join(doubts)})" if doubts else ""
     return f"Tool: m {estimate_text(mass.value, mass.std, mass.unit)}{where}{doubt}."
+
+
+def _coordinates(centre: CentreOfMass) -> str:
+    """The identifiable coordinates of a centre of mass with std, and along what axes; empty without any."""
+    numbers = zip(centre.axes, 1e3 * centre.value, 1e3 * centre.std, strict=True)
+    texts = [f"{axis} {estimate_text(value, std, 'mm')}" for axis, value, std in numbers if isfinite(std)]
+    return f"{', '.join(texts)} in {centre.frame}" if texts else ""
+
+
+def tool_lines(fitted: Fit, *, misfitting: bool, unknown: str = "") -> list[str]:
+    """The tool, which axes its parameters are along where there are several, and whether it is as large as no tool is.
+
+    Of readings that are not its own, that it is not known.
+    """
+    turned = axes_sentence(fitted) if is_turned(fitted.model) else ""
+    extent = "" if unknown else tool_extent_text(fitted)
+    return [line for line in (turned, tool_text(fitted, misfitting=misfitting, unknown=unknown), extent) if line]
+
+
+def tool_notes(fitted: Fit, *, misfitting: bool) -> list[str]:
+    """Beside a table of parameters: which axes they are along, and the tool in a line."""
+    tool = tool_lines(fitted, misfitting=misfitting)
+    return tool if is_turned(fitted.model) else [axes_sentence(fitted), *tool]
+
+
+def axes_sentence(fitted: Fit) -> str:
+    """Which parameters are along which axes."""
+    if not is_turned(fitted.model):
+        return "Vectors are in sensor axes."
+    by, pose = turn_words(sensor_to_pose(fitted.model, fitted.theta)), Axes.POSE.words(fitted.model.space)
+    return (
+        f"The sensor is turned by {by} against the logged pose: biases, readings and noise are in sensor axes; first"
+        f" moment and inertia, and points and wrenches of effects, in {pose}."
+    )
 
 
 def _may_be_heavy(fitted: Fit) -> bool:

@@ -42,7 +42,7 @@ from truewrench.text.diagnosis_text import (
     weaker_verdict_warning,
 )
 from truewrench.text.fit_summary import agreement_text
-from truewrench.text.tool_text import tool_text
+from truewrench.text.tool_text import axes_sentence, tool_text
 from truewrench.workbench.effect_estimates import effect_sizes, weakness
 from truewrench.workbench.page_update import PLACES, with_field_names
 from truewrench.workbench.separation import rig_template, undesignable
@@ -278,6 +278,7 @@ def steps_words(study: Study, *, puzzle: bool) -> str:
         agreement=agreement_text(study.steps[-1].misfitting, from_residual=noise_from_residual(study.fit)),
         undone=study.undone,
         tool=tool_text(study.fit, misfitting=bool(study.misfitting), unknown=unknown),
+        axes=axes_sentence(study.fit),
         parameters=Markup(study.fit.table),
         puzzle=puzzle,
     )

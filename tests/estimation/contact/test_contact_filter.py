@@ -22,9 +22,9 @@ from estimation.contact.contact_wrench import CalibratedModel, compensate
 from estimation.recordings.motion import QUATERNION
 from estimation.recordings.recording import Recording
 from modeling import effects
-from modeling.chain.contact_gain import contact_gain_at
 from modeling.chain.model import WrenchModel, planar, spatial
 from modeling.chain.prediction import compiled_prediction
+from modeling.chain.sensor_axes import contact_gain_at
 from modeling.errors import InputError
 from modeling.kinematics.arm import PlanarArm
 from modeling.rig import Convention, Rig, SensorDescription
