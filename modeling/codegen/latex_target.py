@@ -174,7 +174,7 @@ def stage_equations(fitted: FittedModel) -> Iterator[tuple[str, LatexEquations]]
             "Kinematics",
             [(latex_name(symbol.name), latex_expression(expression)) for symbol, expression in model.definitions],
         )
-    yield "Motion of the tool: acceleration minus gravity, in the sensor's axes", lift_equations(chain)
+    yield "Motion of the tool: acceleration minus gravity, in the axes of the logged pose", lift_equations(chain)
     yield "Wrench of the sensor on the tool (Newton and Euler)", newton_euler_equations(chain)
     if chain.force != sp.zeros(3, 1) or chain.torque != sp.zeros(3, 1):
         pairs = zip(WRENCH_SYMBOLS, (*chain.force, *chain.torque), strict=True)

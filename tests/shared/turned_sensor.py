@@ -7,6 +7,7 @@ shares no equation with the model.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,7 +58,7 @@ class TurnedSensor:
     to_pose: Rotation
     gravity: tuple[float, float, float] = (0.0, 0.0, -1.0)
 
-    def pose(self, time: Array) -> Rotation:
+    def pose(self, time: NDArray[Any]) -> Rotation:
         """Of the frame that is logged, in the base; three axes, each a function of time."""
         w = 2 * np.pi / PERIOD
         angles = [1.4 * np.sin(w * time), 1.1 * np.sin(2 * w * time + 0.7), 1.7 * np.cos(w * time + 0.3)]

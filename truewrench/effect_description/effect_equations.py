@@ -22,8 +22,8 @@ MOST_EQUATIONS = 6
 NEGLIGIBLE = 1e-9
 """A constant below it is there to smooth a root at zero."""
 MOTION = (
-    "Δ is the change of the reading. In sensor axes: v is the velocity of the sensor's origin, a its acceleration less "
-    "gravity, ω the angular velocity, α the angular acceleration."
+    "Δ is the change of the reading. In the axes of the logged pose: v is the velocity of the sensor's origin, a its "
+    "acceleration less gravity, ω the angular velocity, α the angular acceleration."
 )
 EVENT = " S is 1 during the event, and 0 before and after."
 GRAVITY = "g is gravity in world axes."

@@ -217,9 +217,9 @@ def imported_frames(recording: Recording) -> dict[str, Any]:
         motion = (
             "joint coordinates lead to the sensor frame"
             if recording.form is MotionForm.JOINTS
-            else "qx, qy, qz, qw is the rotation of the sensor frame in the base, v_base = R v_sensor"
+            else "qx, qy, qz, qw is the rotation of the logged pose in the base, v_base = R v_pose"
         )
-        axes = f"Frames: force and torque along the sensor frame's axes, about its origin; {motion}."
+        axes = f"Frames: force and torque in sensor axes, about the sensor's origin; {motion}."
     sign = [] if stated is None else [f"Sign convention: {MEANINGS[stated]}, {how}."]
     try:
         case = Case.of((planar if recording.dimension == 2 else spatial)(recording.rig), [recording])

@@ -25,7 +25,7 @@ from modeling.rig import Rig
 from modeling.space import Space
 from tests.shared.emitted import module
 from tests.shared.recordings import recorded as simulated_recording
-from tests.shared.turned_sensor import CENTRE, CONTACT, MASS, MASSES, PLACES, TurnedSensor, inertia
+from tests.shared.turned_sensor import CENTRE, CONTACT, MASS, MASSES, PLACES, STEP, TurnedSensor, inertia
 from truewrench.emitted import emit
 from truewrench.simulated_rig import ContactEvent
 
@@ -86,7 +86,7 @@ def test_the_contact_is_along_the_axes_that_were_asked_for(name: str) -> None:
     own = bench(name).contact(None)
     assert own.axes is Axes.SENSOR
     assert len(own.intervals) == 4
-    logged = sensor.pose(own.recording.time).as_matrix()
+    logged = sensor.pose(np.arange(own.recording.samples) * STEP).as_matrix()
     turns = {
         Axes.SENSOR: np.broadcast_to(np.eye(6), (len(logged), 6, 6)),
         Axes.POSE: np.broadcast_to(to_pose, (len(logged), 6, 6)),

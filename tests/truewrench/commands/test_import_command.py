@@ -246,7 +246,7 @@ def test_frame_convention_and_rotation_are_said(name: str, tmp_path: Path, capsy
     code, text, _ = run(capsys, "import", *sources)
     assert code == 0
     assert "sensor axes, frame 'tool0' as its header states" in text
-    assert "the rotation of the sensor frame in the base, v_base = R v_sensor" in text
+    assert "the rotation of the logged pose in the base, v_base = R v_pose" in text
     assert "the sensor reads the wrench that the sensor exerts on the tool (on_tool)" in text
     rig = tmp_path / "rig.toml"
     rig.write_text('[sensor]\nconvention = "on_sensor"\n')
