@@ -22,7 +22,7 @@ from estimation.recordings.motion import QUATERNION, MotionForm, motion_columns,
 from estimation.recordings.reading import motion_form
 from modeling import symbolic as sp
 from modeling.chain.model import WrenchModel
-from modeling.chain.sensor_axes import contact_gain_at, group_delay
+from modeling.chain.sensor_axes import Axes, contact_gain_at, group_delay
 from modeling.codegen.casadi_target import CasadiSample, RecursiveFunction, state_size
 from modeling.codegen.fitted_model import sample_inputs, sample_program
 from modeling.compiled.symbolic_vector import casadi_expressions
@@ -520,8 +520,8 @@ class ContactFilter(Tabular):
     @property
     def table(self) -> Table:
         """Delay, bandwidth, noise and leakage of inertial loads."""
-        names = contact_components(self.calibration.model.space)
-        units = self.calibration.model.space.units
+        space = self.calibration.model.space
+        names, units = contact_components(space), space.units
         noise = ", ".join(f"{n} {s:.3g} {u}" for n, s, u in zip(names, self.std, units, strict=True))
         share = 100 * abs(float(self.unfollowed(self.bandwidth / 4)[0]))
         rows = [
@@ -529,7 +529,7 @@ class ContactFilter(Tabular):
             ("sensor's group delay", f"{self.group_delay:.6g} s"),
             ("first result at row", f"{self.warm_up}"),
             ("bandwidth (-3 dB)", f"{self.bandwidth:.4g} Hz"),
-            ("noise (std)", noise),
+            (f"noise (std), in {Axes.of_contact(space).words(space)}", noise),
             (
                 "noise of derived accelerations",
                 f"{self.window.norms[2]:.3g} /s² times that of the differentiated column",

@@ -16,7 +16,10 @@ Array = NDArray[np.float64]
 
 
 class Surface(ABC):
-    """Surface of a tool: intersections with lines and outward normals. Lengths in m, sensor frame."""
+    """Surface of a tool: intersections with lines and outward normals. Lengths in m, in the axes of the wrench.
+
+    These are sensor axes, unless `compensate` was asked for others that are fixed to the tool.
+    """
 
     @abstractmethod
     def crossings(self, origin: Array, direction: Array) -> Array:
@@ -228,7 +231,7 @@ MIN_FORCE_TO_STD = 2.0
 
 @dataclass(frozen=True, eq=False)
 class ContactPoint(Tabular):
-    """Contact point of a pure force (no free torque) on the surface, sample by sample. Sensor frame, SI.
+    """Contact point of a pure force (no free torque) on the surface, sample by sample. SI, axes of wrench and surface.
 
     point       (n, 3) m; nan where the force is not `clear`, its line misses the surface, or it points outwards
     covariance  (n, 3, 3) m², to first order; it has no component along the surface's normal
@@ -283,7 +286,8 @@ class ContactPoint(Tabular):
         if self.found.any():
             median, median_std = (np.median(values[self.found], axis=0) for values in (self.point, self.std))
             medians = zip("xyz", median, median_std, strict=True)
-            rows += [(f"{axis}, median", f"{value:.4g} ± {std:.2g} m") for axis, value, std in medians]
+            name = "median, in the axes of the wrench"
+            rows += [(f"{axis}, {name}", f"{value:.4g} ± {std:.2g} m") for axis, value, std in medians]
         return Table.of(("contact point", Column("samples", format="d")), rows)
 
 
@@ -293,17 +297,17 @@ def contact_point(wrench: Array, covariance: Array, surface: Surface) -> Contact
     Parameters
     ----------
     wrench : array (n, 6)
-        Contact wrenches fcx .. tcz, N and N m, of the environment on the tool, about the sensor origin, in the sensor
-        frame.
+        Contact wrenches fcx .. tcz, N and N m, of the environment on the tool, about the sensor origin, in the axes of
+        the surface: sensor axes, as `compensate` gives them, or those of the logged pose.
     covariance : array (6, 6) or (n, 6, 6)
         Covariance of the wrenches, N², N² m and N² m².
     surface : Surface
-        Surface of the tool in the sensor frame: `Sphere`, `Plane` or `Capsule`.
+        Surface of the tool in the same axes, from the sensor origin: `Sphere`, `Plane` or `Capsule`.
 
     Returns
     -------
     ContactPoint
-        Point (n, 3), m, in the sensor frame, with covariance (n, 3, 3), and torsion (n,), N m, with its std. The point
+        Point (n, 3), m, in these axes, with covariance (n, 3, 3), and torsion (n,), N m, with its std. The point
         is nan where the force is not twice its std, its line misses the surface, or it points out of the tool.
 
     Raises

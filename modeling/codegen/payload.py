@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modeling.codegen.payload_format import MOMENTS, PayloadFormat, remarks, where_it_goes
-from modeling.codegen.tool_inertia import ALONG_POSE, ToolInertia
+from modeling.codegen.tool_inertia import ALONG_POSE, STATED_FRAME, ToolInertia
 from modeling.rig import STANDARD_GRAVITY
 
 Array = NDArray[np.float64]
@@ -25,8 +25,15 @@ OF_POSE = (
 """The same of axes of a logged pose that the sensor's are turned against."""
 
 
+STATED = "the controller takes them in the flange's frame, as which that one was stated"
+"""The same of a frame that `--sensor-pose` states."""
+
+
 def _flange(tool: ToolInertia) -> str:
-    return OF_POSE if tool.frame.startswith(ALONG_POSE) else FLANGE
+    """Which frame the controller takes the tool in, and what to do where this is another one."""
+    if tool.frame.startswith(ALONG_POSE):
+        return OF_POSE
+    return STATED if tool.frame.startswith(STATED_FRAME) else FLANGE
 
 
 class UniversalRobots(PayloadFormat):

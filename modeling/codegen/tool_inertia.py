@@ -48,6 +48,8 @@ def _tilt_advice(model: WrenchModel, theta: Array) -> str:
 WHERE = "tool"
 ROUNDING = 1e-9
 """Relative size of a negative second moment that is rounding: a tool that is flat or a line has zeros."""
+STATED_FRAME = "frame in which"
+"""What a frame begins with in which the pose of the sensor was stated."""
 LARGEST_OFFSET = 2.0
 """Metres between the sensor and the frame in which its pose is stated, from which millimetres were meant."""
 SENSOR_FRAME = "sensor frame"
@@ -172,7 +174,7 @@ class ToolInertia:
             raise InputError(what=what, where="sensor pose", remedy="give m, and roll, pitch and yaw in rad")
         turn, place = Rotation.from_euler("xyz", pose[3:]).as_matrix(), np.asarray(pose[:3], dtype=np.float64)
         sensor = f"sensor (link {self.link})" if self.link else f"sensor{' (its own axes)' * bool(self.turn)}"
-        where = f"frame in which the {sensor} is at {' '.join(f'{v:g}' for v in pose)}"
+        where = f"{STATED_FRAME} the {sensor} is at {' '.join(f'{v:g}' for v in pose)}"
         turned = self._turned(turn, np.zeros((len(self.centre_modes), 3, 3)))
         return replace(
             turned,

@@ -25,6 +25,7 @@ from truewrench.commands.results import print_result, provenance_of, suspicions_
 from truewrench.files.case_files import frame_sentences, read_case
 from truewrench.files.output import atomic_write, progress_line
 from truewrench.text.fit_summary import FitSummary
+from truewrench.text.tool_text import axes_sentence
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -93,7 +94,7 @@ def run_stream(arguments: argparse.Namespace) -> None:
         "condition": fit.condition,
         "unseen": [*map(str, fit.unidentifiable)],
     }
-    text = f"{fit.where}: {samples} samples, reduced chi-square {fit.misfit:.4g}\n\n{fit}"
+    text = f"{fit.where}: {samples} samples, reduced chi-square {fit.misfit:.4g}\n\n{fit}\n{axes_sentence(fit)}"
     print_fit(arguments, fit, lambda: data, lambda: text)
 
 

@@ -63,7 +63,7 @@ def _panel(side: LabelledContact, row: int, true: Array | None) -> Panel:
         note = f"error {error:.2g} {unit}" if error > tenth else f"error below {tenth:.2g} {unit}"
     return Panel(
         marks=tuple(_marks(contact, row, side.colour, true)),
-        title="" if row else side.label,
+        title="" if row else f"{side.label}, {contact.axes.words(contact.space)}",
         title_colour=side.colour,
         x_label=_time_label(contact),
         y_label=axis_label(name, unit),

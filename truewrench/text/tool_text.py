@@ -9,7 +9,7 @@ import numpy as np
 from diagnosis.verdict.unexplained_residual import unknown_tool_sentences
 from estimation.centre_of_mass import SIGNIFICANT, CentreOfMass, centres_of_mass
 from estimation.fit import Fit
-from estimation.least_squares.estimates import NOT_CONVERGED
+from estimation.least_squares.estimates import NOT_CONVERGED, EstimatedModel
 from modeling.chain.sensor_axes import Axes, is_turned, sensor_to_pose, turn_words
 from modeling.number_format import estimate_text
 from modeling.space import Space
@@ -143,10 +143,13 @@ def tool_notes(fitted: Fit, *, misfitting: bool) -> list[str]:
     return tool if is_turned(fitted.model) else [axes_sentence(fitted), *tool]
 
 
-def axes_sentence(fitted: Fit) -> str:
+def axes_sentence(fitted: EstimatedModel) -> str:
     """Which parameters are along which axes."""
     if not is_turned(fitted.model):
-        return "Vectors are in sensor axes."
+        plane = fitted.model.space is Space.PLANE
+        return (
+            "Readings and biases are in sensor axes, the tool in tip axes." if plane else "Vectors are in sensor axes."
+        )
     by, pose = turn_words(sensor_to_pose(fitted.model, fitted.theta)), Axes.POSE.words(fitted.model.space)
     return (
         f"The sensor is turned by {by} against the logged pose: biases, readings and noise are in sensor axes; first"

@@ -106,6 +106,18 @@ def test_the_contact_is_along_the_axes_that_were_asked_for(name: str) -> None:
         assert contact.noise_ratio.max() < 1.2
 
 
+def test_base_axes_of_a_base_that_the_data_decide_to_hang() -> None:
+    """Nothing states gravity: the world is then the base turned, and base axes are still those of the log."""
+    sensor = TurnedSensor(Rotation.from_rotvec([np.pi, 0, 0]), (0.0, 0.0, 1.0))
+    fitted = fit(spatial(), from_columns(sensor.columns()))
+    assert fitted.model.gravity_direction == (0.0, 0.0, 1.0)
+    contact = compensate(fitted, from_columns(sensor.columns(pushed=True, seed=1)), axes="base")
+    turn = (sensor.pose(np.arange(contact.recording.samples) * STEP) * sensor.to_pose).as_matrix()
+    for mean in contact.means:
+        expected = (turn[mean.interval.first : mean.interval.last] @ CONTACT[:3]).mean(axis=0)
+        assert np.abs(mean.wrench[:3] - expected) == pytest.approx(0, abs=SIGMA * mean.std[:3].max())
+
+
 @pytest.mark.parametrize("axes", [Axes.POSE, Axes.BASE])
 def test_covariances_turn_with_the_wrench(axes: Axes) -> None:
     """Where nothing of the turn is estimated: A C A', sample by sample."""

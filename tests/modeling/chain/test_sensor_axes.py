@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from estimation.recordings.reading import from_columns
 from modeling.chain.model import QUARTER_TURNS, WrenchModel, planar, spatial
 from modeling.chain.sensor_axes import (
     Axes,
@@ -23,8 +24,9 @@ from modeling.chain.sensor_axes import (
 from modeling.effects import sensor_rotation
 from modeling.errors import InputError
 from modeling.kinematics.placement import base_angle, base_placement, motion_in_world
-from modeling.rig import Convention
+from modeling.rig import Convention, Rig
 from modeling.space import Space
+from tests.shared.rigs import spatial_arm
 
 STEP = 1e-6
 """rad: the second derivative of a rotation is 1, so that a central difference errs by 1e-12, and its rounding 1e-10."""
@@ -66,6 +68,18 @@ def test_base_axes_are_those_in_which_the_pose_was_logged(direction: tuple[float
     for number, matrix in enumerate(logged.as_matrix()):
         assert turn[number] == pytest.approx(np.kron(np.eye(2), matrix), abs=1e-12)
     assert direction is None or base_placement(direction).quaternion != (0.0, 0.0, 0.0, 1.0)
+
+
+def test_base_axes_of_an_arm_are_those_of_its_first_link() -> None:
+    """Whatever the base is mounted on: the joints alone say how the sensor stands in the base."""
+    rng, arm = np.random.default_rng(2), spatial_arm("elbow")
+    joints = {f"q{i + 1}": rng.uniform(-1, 1, 12) for i in range(arm.joints)}
+    columns = joints | {name: rng.normal(size=12) for name in Space.SPACE.channels}
+    turns = []
+    for direction in (None, (0.36, -0.48, 0.8)):
+        recording = from_columns(columns, rig=Rig(spatial_arm=arm, gravity_direction=direction))
+        turns.append(pose_to_base(Space.SPACE, recording.signals, direction))
+    assert turns[1] == pytest.approx(turns[0], abs=1e-12)
 
 
 def test_base_axes_of_the_plane() -> None:
