@@ -279,7 +279,7 @@ def emit(commands: Subcommands[Any]) -> argparse.ArgumentParser:
     command.add_argument("--to", required=True, choices=(*target_names(), *FORMATS), help="language or format")
     text = "sampling rate of the code; needed for a model with lag, delay, hysteresis or a flexible tip"
     command.add_argument("--rate", type=positive, metavar="HZ", help=text)
-    text = "pose of the sensor frame in the robot's frame, e.g. the flange: m, and rad about fixed axes, as in URDF"
+    text = "pose of the sensor's own axes in the robot's frame, as the flange: m, and rad about fixed axes, as in URDF"
     pose = ("X", "Y", "Z", "ROLL", "PITCH", "YAW")
     command.add_argument("--sensor-pose", type=finite, nargs=6, metavar=pose, help=text)
     command.add_argument("--out", type=Path, metavar="FILE", help="file to write (default: standard output)")
