@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from modeling.chain.model import WrenchModel
 from modeling.chain.pseudo_inertia import pseudo_inertia
 from modeling.chain.sensor_axes import Axes, is_turned, pose_to_sensor, turn_words
+from modeling.chain.stages import Stage
 from modeling.errors import InputError
 from modeling.space import Space
 
@@ -26,7 +27,7 @@ def left_out(model: WrenchModel, theta: Array) -> str:
 
     Of a tilted base it says what to state instead: gravity along the axes of the recorded motion, m/s².
     """
-    ids = [effect.id for effect in model.effects]
+    ids = [effect.id for effect in model.effects if effect.stage is not Stage.MOUNTING]  # that is in the frame
     if not ids:
         return ""
     line = f"not included, effects of the model beside the rigid tool: {', '.join(ids)}"

@@ -156,6 +156,7 @@ def test_the_payload_is_turned_once(name: str) -> None:
     flange = ToolInertia.of(*given)
     turned = is_turned(model)
     assert flange.frame == (ALONG_POSE if turned else SENSOR_FRAME)
+    assert not flange.left_out  # an estimated turn is in the frame
     stated = ToolInertia.of(*given, along=Axes.SENSOR).seen_from((0, 0, 0.04, *sensor.to_pose.as_euler("xyz")))
     for tool, offset in ((flange, 0.0), (stated, 0.04)):
         centre = sensor.to_pose.apply(CENTRE) + np.array([0, 0, offset])
