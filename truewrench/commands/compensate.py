@@ -10,7 +10,7 @@ import numpy as np
 
 from estimation.contact.contact_wrench import ContactWrench, compensate
 from estimation.reading.log_reading import read_with_rig
-from modeling.chain.sensor_axes import sensor_to_pose
+from modeling.chain.sensor_axes import Axes, is_turned, sensor_to_pose
 from modeling.number_format import finite
 from modeling.space import Space
 from truewrench.commands.results import print_result
@@ -138,6 +138,8 @@ def contact_text(contact: ContactWrench) -> str:
         lines.append(
             "A contact during most of the recording would be absorbed by the zero; --keep-zero uses the model's."
         )
+    if is_turned(contact.calibration.model) and contact.axes is Axes.SENSOR:
+        lines.append("--axes pose gives the wrench in the axes of the logged pose, such as a flange's.")
     ratio = contact.noise_ratio
     if ratio.max() > EXCESSIVE_NOISE_RATIO:
         lines.append(
