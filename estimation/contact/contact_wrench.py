@@ -632,8 +632,6 @@ def compensate(
         tangent = tangent - tangent[detection.free].mean(axis=0)
     # From reading = value(theta) + gain(theta) contact: d contact = -gain^-1 (d value + d gain contact).
     tangent = -np.einsum("ij,njk->nik", inverse, tangent + np.einsum("ijk,nj->nik", slopes, wrench))
-    is_known = calibration.known
-    unidentifiable = np.abs(tangent[:, :, ~is_known]).max(axis=(0, 1), initial=0.0)
     contact = ContactWrench(
         recording=recording,
         calibration=calibration,
@@ -643,7 +641,7 @@ def compensate(
         systematic_covariance=_systematic(calibration, tangent) + inverse @ detection.zero_covariance @ inverse.T,
         zero_shift=detection.zero,
         group_delay=group_delay(calibration.model, calibration.theta),
-        unknown=_unidentified_parameters(calibration, unidentifiable),
+        unknown=_unidentified_parameters(calibration, tangent),
         tip_length=_tip_length(recording, tip_length),
         axes=own_axes,
     )
@@ -677,17 +675,21 @@ def _along(contact: ContactWrench, axes: Axes, tangent: Array) -> ContactWrench:
         noise=inverse @ contact.detection.covariance @ transposed,
         systematic_covariance=_systematic(contact.calibration, tangent)
         + inverse @ contact.detection.zero_covariance @ transposed,
+        unknown=_unidentified_parameters(contact.calibration, tangent),
         axes=axes,
         turn=turn,
         along_tip=contact if contact.space is Space.PLANE else None,
     )
 
 
-def _unidentified_parameters(calibration: CalibratedModel, change: Array) -> dict[str, float]:
-    """Unidentifiable parameters of the calibration with their largest effect (k,) per unit, where not zero."""
-    names = [
-        p.name for p, is_known in zip(calibration.model.parameters, calibration.known, strict=True) if not is_known
-    ]
+def _unidentified_parameters(calibration: CalibratedModel, tangent: Array) -> dict[str, float]:
+    """Unidentifiable parameters of the calibration with their largest effect per unit, where not zero.
+
+    `tangent` (n, p, k) is the derivative of the contact wrench.
+    """
+    is_known = calibration.known
+    change = np.abs(tangent[:, :, ~is_known]).max(axis=(0, 1), initial=0.0)
+    names = [p.name for p, known in zip(calibration.model.parameters, is_known, strict=True) if not known]
     return {name: float(amount) for name, amount in zip(names, change, strict=True) if amount > 0}
 
 

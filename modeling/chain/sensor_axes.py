@@ -92,6 +92,8 @@ def pose_to_sensor(model: WrenchModel, theta: Array) -> tuple[Array, Array]:
     if all(effect.stage is not Stage.MOUNTING for effect in model.effects):
         return np.array(model.mounting, dtype=np.float64), slopes
     rotation, symbols = model.chain[Mounting].rotation, [p.symbol for p in model.parameters]
+    if model.inputs_of(rotation):  # of a user's effect, which turns the sensor as it moves: no constant axes
+        return np.array(model.mounting, dtype=np.float64), slopes
     used = [i for i, symbol in enumerate(symbols) if symbol in rotation.free_symbols]
     expressions = [*rotation, *(entry for i in used for entry in rotation.diff(symbols[i]))]
     values = numpy_function([symbols[i] for i in used], expressions)(*(theta[i] for i in used))

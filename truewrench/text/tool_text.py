@@ -11,6 +11,7 @@ from estimation.centre_of_mass import SIGNIFICANT, CentreOfMass, centres_of_mass
 from estimation.fit import Fit
 from estimation.least_squares.estimates import NOT_CONVERGED, EstimatedModel
 from modeling.chain.sensor_axes import Axes, is_turned, sensor_to_pose, turn_words
+from modeling.chain.stages import Stage
 from modeling.number_format import estimate_text
 from modeling.space import Space
 
@@ -151,6 +152,9 @@ def axes_sentence(fitted: EstimatedModel) -> str:
             "Readings and biases are in sensor axes, the tool in tip axes." if plane else "Vectors are in sensor axes."
         )
     by, pose = turn_words(sensor_to_pose(fitted.model, fitted.theta)), Axes.POSE.words(fitted.model.space)
+    names = [e.qualified(fitted.model.space) for e in fitted.model.effects if e.stage is Stage.MOUNTING]
+    unknown = any(not isfinite(fitted.parameters[p.name].std) for parameters in names for p in parameters)
+    by = f"{by}, as far as that is identifiable," if unknown else by
     return (
         f"The sensor is turned by {by} against the logged pose: biases, readings and noise are in sensor axes; first"
         f" moment and inertia, and points and wrenches of effects, in {pose}."
