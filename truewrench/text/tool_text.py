@@ -155,6 +155,7 @@ def axes_sentence(fitted: EstimatedModel) -> str:
     names = [e.qualified(fitted.model.space) for e in fitted.model.effects if e.stage is Stage.MOUNTING]
     unknown = any(not isfinite(fitted.parameters[p.name].std) for parameters in names for p in parameters)
     by = f"{by}, as far as that is identifiable," if unknown else by
+    pose = f"{pose}, to which the joints lead" if fitted.model.arm is not None else pose
     return (
         f"The sensor is turned by {by} against the logged pose: biases, readings and noise are in sensor axes; first"
         f" moment and inertia, and points and wrenches of effects, in {pose}."
