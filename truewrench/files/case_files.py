@@ -163,7 +163,6 @@ def convention_sentence(sign: SignDecision, *, detailed: bool = False) -> str:
 
     `detailed`: with the mass and the mounting that the decision was made with.
     """
-<<<<<<< HEAD
     decided = f"Sign convention decided from the data: the sensor reads {MEANINGS[sign.convention]}."
     turned = nearest_quarter_turns(sign.mounting) != ALIGNED_MOUNTING
     angle = turn_words(sign.mounting.T) if turned else f"{degrees(mounting_angle(sign)):.1f}°"
