@@ -133,7 +133,7 @@ def tool_lines(fitted: Fit, *, misfitting: bool, unknown: str = "") -> list[str]
 
     Of readings that are not its own, that it is not known.
     """
-    turned = axes_sentence(fitted) if is_turned(fitted.model) else ""
+    turned = axes_sentence(fitted, misfitting=misfitting) if is_turned(fitted.model) else ""
     extent = "" if unknown else tool_extent_text(fitted)
     return [line for line in (turned, tool_text(fitted, misfitting=misfitting, unknown=unknown), extent) if line]
 
@@ -144,8 +144,8 @@ def tool_notes(fitted: Fit, *, misfitting: bool) -> list[str]:
     return tool if is_turned(fitted.model) else [axes_sentence(fitted), *tool]
 
 
-def axes_sentence(fitted: EstimatedModel) -> str:
-    """Which parameters are along which axes."""
+def axes_sentence(fitted: EstimatedModel, *, misfitting: bool = False) -> str:
+    """Which parameters are along which axes; of a `misfitting` model its turn of the sensor is no measurement."""
     if not is_turned(fitted.model):
         plane = fitted.model.space is Space.PLANE
         return (
@@ -156,9 +156,10 @@ def axes_sentence(fitted: EstimatedModel) -> str:
     unknown = any(not isfinite(fitted.parameters[p.name].std) for parameters in names for p in parameters)
     by = f"{by}, as far as that is identifiable," if unknown else by
     pose = f"{pose}, to which the joints lead" if fitted.model.arm is not None else pose
+    who = "The model, which does not fit, has the sensor" if misfitting else "The sensor is"
     return (
-        f"The sensor is turned by {by} against the logged pose: biases, readings and noise are in sensor axes; first"
-        f" moment and inertia, and points and wrenches of effects, in {pose}."
+        f"{who} turned by {by} against the logged pose: biases, readings and noise are in sensor axes; first moment and"
+        f" inertia, and points and wrenches of effects, in {pose}."
     )
 
 

@@ -278,7 +278,7 @@ def steps_words(study: Study, *, puzzle: bool) -> str:
         agreement=agreement_text(study.steps[-1].misfitting, from_residual=noise_from_residual(study.fit)),
         undone=study.undone,
         tool=tool_text(study.fit, misfitting=bool(study.misfitting), unknown=unknown),
-        axes=axes_sentence(study.fit),
+        axes=axes_sentence(study.fit, misfitting=bool(study.misfitting)),
         parameters=Markup(study.fit.table),
         puzzle=puzzle,
     )
