@@ -1,19 +1,18 @@
-"""Loads on the tool (drag, friction, a cable), and the spring and damper that it is mounted on."""
+"""Loads on the tool: drag, friction, a cable, a force that keeps its direction in the base, a spinning rotor."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from math import dist, inf, sqrt
+from math import dist, inf
 from typing import ClassVar, Self
 
 from modeling import symbolic as sp
 from modeling.chain.chain import Chain, Stage, point_on_tip, velocity_of_point, world_vector
 from modeling.chain.effect import Effect, NuisanceValues, SearchDomain
-from modeling.dynamics.deflection import Deflection
 from modeling.parameter import Parameter, Role
-from modeling.sketch import Arc, Arrow, Axes, Circle, Length, Line, Name, Sketch, Text, Tool
+from modeling.sketch import Arc, Arrow, Axes, Box, Circle, Length, Line, Name, Sketch, Text, Tool
 from modeling.space import Space, vector
 
 # Effects that act at a point of the tool, and a force of the environment there.
@@ -93,6 +92,10 @@ def tip_distances(domain: SearchDomain) -> list[float]:
 
 SMOOTHING_RATE = 1e-3
 """Angular velocity (rad/s) below which Coulomb friction is smoothed."""
+SLIDING_SPEED = 1e-3
+"""Speed (m/s) below which dry friction against the translation is smoothed: that of a point 1 m from the axis of a
+rotation of `SMOOTHING_RATE`, and above the noise of a velocity at rest, whose sign means nothing.
+"""
 
 
 def _drag(force: str) -> Sketch:
@@ -215,6 +218,40 @@ class CoulombFriction(Effect):
         return replace(chain, torque=chain.torque - p["level"] * direction)
 
 
+@dataclass(frozen=True)
+class TranslationalFriction(ViscousDrag):
+    """A force of constant size against the velocity of a point of the tool, F = -level v/|v|: it rubs on something.
+
+    level in N is positive; |v| is smoothed below 1e-3 m/s, the width of the step at a reversal. The point r is at the
+    distance d (m) along the tip; in six axes it is (x, y, d) in the sensor frame. The torque about the sensor is r x F.
+    """
+
+    id = "translational_friction"
+    title = "dry friction against the velocity of the tool"
+    equation = "F = -level v(r) / sqrt(v(r)² + (0.001 m/s)²)"
+    advice = "look for what the tool, its hose or its cable slides on; run the same path slowly: the force stays"
+    confused_with = "viscous_drag, at nearly constant speed; sensor_hysteresis, whose step follows the load"
+    shows = "A force against the velocity, of the same size at any speed, with a step where the direction reverses."
+    provoked_by = "The same path at half, normal and double speed: the residual keeps its size."
+    amounts: ClassVar[Mapping[str, float]] = {"level": 0.8, **POINT_AMOUNTS}
+    sketch = _drag("level")
+
+    def parameters(self, space: Space) -> tuple[Parameter, ...]:
+        """level in N, the point in m."""
+        meaning = "size of the force, whatever the speed"
+        return (
+            Parameter(name="level", unit="N", meaning=meaning, bounds=(0.0, inf)),
+            *self.point_parameters(space),
+        )
+
+    def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
+        """Add the friction force to the tool."""
+        point = point_of_application(chain, p)
+        velocity = velocity_of_point(chain, point)
+        direction = velocity / sp.sqrt(velocity.dot(velocity) + SLIDING_SPEED**2)
+        return with_force(chain, -p["level"] * direction, point)
+
+
 # Tension of a cable between the tool and an anchor in the cell.
 
 
@@ -313,92 +350,116 @@ def _slack_lengths(anchor: Sequence[float], domain: SearchDomain) -> list[float]
     return [0.0, nearest + 0.25 * (farthest - nearest), nearest + 0.6 * (farthest - nearest)]
 
 
-# The tool on a rotational spring and damper at the sensor.
-
-
-LOWEST_STIFFNESS = 1.0
-"""Lower bound of the stiffness (N m/rad): 0.1 kg at 0.1 m would deflect it by six degrees."""
-
-HIGHEST_STIFFNESS = 1e4
-"""Upper end of the stiffness grid (N m/rad): a torque of 10 N m rotates the tool by a milliradian."""
-
-NATURAL_FREQUENCIES = (2.0, 40.0)
-"""Range of natural frequencies (Hz) of the grid: softer mountings droop, stiffer ones are not identifiable."""
-
-TYPICAL_MASS = 1.0
-"""Mass (kg) of a tool on a wrist sensor, for the order of magnitude of an unknown inertia."""
+# A wrench that is constant in base axes, and the reaction of a rotor that is constant in the tool's.
 
 
 @dataclass(frozen=True)
-class TipFlexibility(Effect):
-    """The tool is mounted on a rotational spring and damper at the sensor's origin.
+class BaseForce(PointEffect):
+    """A force that keeps its size and direction in base axes, whatever the tool's orientation.
 
-    The torque of the sensor on the tool about the origin is -stiffness theta - damping omega_rel (N m), theta the
-    rotation vector (rad; the angle in the plane) of the tool relative to the sensor and omega_rel the relative angular
-    velocity; weight, inertia and applied forces rotate with the tool (`modeling.dynamics.deflection`). The effect
-    vanishes as 1/stiffness.
+    force_x, force_y, force_z in N along the world's axes, positive towards them, on the tool: the weight of a hose that
+    is carried elsewhere, a balancer's pull, a steady stream of air. The point r is at the distance d (m) along the tip;
+    in six axes it is (x, y, d) in the sensor frame. The torque about the sensor is r x F, in six axes plus torque_x,
+    torque_y, torque_z (N m, world axes): a zero that a controller has taken in base axes is such a force, with d = 0,
+    and torque. In the plane such a torque is in the bias. With `on_axis`, x, y and the torque are fixed at 0.
+
+    At rest the vertical force is weight, the horizontal one that of a tilted base: only accelerations tell them apart,
+    and the torque, where the force is not at the centre of mass.
     """
 
-    id = "tip_flexibility"
-    title = "tip on a spring and damper"
-    stage = Stage.DEFLECTION
-    equation = "T = -stiffness theta - damping dtheta/dt, theta the rotation of the tool relative to the sensor"
-    advice = "tap the tool and watch it ring; push it by hand and measure its rotation; tighten the flange's screws"
-    confused_with = "joint_elasticity and gain_nonlinearity, in slow motion; sensor_lag, which never overshoots"
-    shows = (
-        "In proportion to the second derivative of the wrench: grows with the square of the frequency, and rings "
-        "after a knock."
+    id = "base_force"
+    title = "force that is constant in base axes"
+    stage = Stage.TIP_BODY
+    equation = "F = R' force, T = r x F + R' torque, R from sensor to base axes"
+    advice = (
+        "look for a hose or a cable whose weight the tool carries, and for a balancer; zero the sensor in its own "
+        "axes, not while its readings are shown in base axes"
     )
-    provoked_by = "A motion with frequencies as high as the robot allows, or a knock on the tool while it is recorded."
-    amounts: ClassVar[Mapping[str, float]] = {"stiffness": 50.0, "damping": 0.1}
+    confused_with = (
+        "gravity_tilt, of its horizontal part; the tool's mass, of its vertical part in slow motion; cable_spring with "
+        "a distant anchor"
+    )
+    shows = "A force of constant size that turns in the sensor as gravity does, but does not grow with acceleration."
+    provoked_by = "Static poses in many orientations, and one fast motion, which tells the force from a weight."
+    amounts: ClassVar[Mapping[str, float]] = {"N": 1.5, "N m": 0.08, **POINT_AMOUNTS}
     sketch = (
-        Tool(kind="ghost"),
-        Tool(turn=-20),
-        Arc(120, 28, 62, 70, 90),
-        Text(130, 106, "θ"),
-        Arc(120, 34, 16, -50, 110),
-        Name(146, 30, "stiffness,"),
-        Name(146, 44, "damping"),
+        Tool(turn=-28),
+        Circle(162, 106, 3, "accent dot"),
+        Arrow((162, 106), (204, 132)),
+        Name(150, 128, "force", "end"),
+        Arrow((30, 126), (30, 96), "faint"),
+        Arrow((30, 126), (60, 126), "faint"),
+        Text(34, 142, "base"),
     )
 
     def parameters(self, space: Space) -> tuple[Parameter, ...]:
-        """Stiffness in N m/rad, infinite for a rigid mounting, and damping in N m s/rad."""
-        return (
-            Parameter(
-                name="stiffness",
-                unit="N m/rad",
-                meaning="torque for each unit of deflection",
-                nominal=inf,
-                bounds=(LOWEST_STIFFNESS, inf),
-                start=300.0,
-            ),
-            Parameter(
-                name="damping",
-                unit="N m s/rad",
-                meaning="torque for each unit of its rate",
-                bounds=(0.0, inf),
-                role=Role.SHAPE,
-                start=1.0,
-            ),
+        """Force in N, the point in m, in six axes torque in N m."""
+        force = tuple(
+            Parameter(name=f"force_{axis}", unit="N", meaning=f"its component along the world's {axis} axis")
+            for axis in space.axes
         )
+        torque = tuple(
+            Parameter(
+                name=f"torque_{axis}",
+                unit="N m",
+                meaning=f"torque beside that of the force, about the world's {axis} axis",
+                bounds=(0.0, 0.0) if self.on_axis else (-inf, inf),
+            )
+            for axis in (space.axes if space is Space.SPACE else ())
+        )
+        return (*force, *self.point_parameters(space), *torque)
 
     def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
-        """Mount the tool on the spring."""
-        return replace(chain, deflection=Deflection(chain.space, p["stiffness"], p["damping"]))
+        """Add the force and the torque to the tool."""
+        force, torque = (
+            world_vector(chain.space, *(p.get(f"{kind}_{axis}", 0) for axis in chain.space.axes))
+            for kind in ("force", "torque")
+        )
+        to_tool = chain.motion.rotation.T
+        pulled = with_force(chain, to_tool * force, point_of_application(chain, p))
+        return replace(pulled, torque=pulled.torque + to_tool * torque)
 
     def nuisance_grid(self, domain: SearchDomain) -> tuple[NuisanceValues, ...]:
-        """Natural frequencies of 2 to 40 Hz, each with a damping ratio of 0.05 and 0.5.
+        """Points along the tip."""
+        return tuple({"d": d} for d in tip_distances(domain))
 
-        stiffness = inertia (2 pi f)², damping = 2 ratio sqrt(stiffness inertia); for an unknown inertia, that of
-        a rod as long as `reach`.
-        """
-        import numpy as np
 
-        inertia = domain.inertia or TYPICAL_MASS * domain.reach**2 / 3
-        stiffnesses = np.clip(
-            inertia * (2 * np.pi * np.geomspace(*NATURAL_FREQUENCIES, 8)) ** 2, LOWEST_STIFFNESS, HIGHEST_STIFFNESS
-        )
-        return tuple(
-            {"stiffness": float(k), "damping": 2 * ratio * sqrt(k * inertia)}
-            for k, ratio in product(stiffnesses, (0.05, 0.5))
-        )
+@dataclass(frozen=True)
+class SpinningRotor(Effect):
+    """A rotor on the tool turns the torque of its angular momentum h: T = -omega x h on the tool (N m).
+
+    h (N m s, sensor frame, right-handed about its axes) is the rotor's inertia times its speed relative to the tool,
+    and constant: a spindle, a fan, the motor of a gripper. omega is the tool's angular velocity in the world. The
+    sensor exerts omega x h, by which h turns with the tool. In the plane no rotor shows: T has no component about the
+    normal.
+    """
+
+    id = "spinning_rotor"
+    title = "reaction of a spinning rotor"
+    stage = Stage.TIP_BODY
+    equation = "T = -omega x h"
+    advice = "stop the spindle, fan or motor on the tool and record the same motion again"
+    confused_with = "the products of inertia, in rotation about one axis; sensor_crosstalk, in slow motion"
+    shows = "A torque across the angular velocity and in proportion to it, that does no work; no force."
+    provoked_by = "Fast rotation about two axes across the rotor's, with the rotor on and off."
+    amounts: ClassVar[Mapping[str, float]] = {"N m s": 0.05}
+    spaces = (Space.SPACE,)
+    sketch = (
+        Tool(),
+        Box(98, 62, 44, 24, "accent"),
+        Arrow((120, 74), (186, 74)),
+        Name(152, 66, "h_x, h_y, h_z"),
+        Arc(120, 28, 108, 96, 124, "ink"),
+        Arrow((62, 119), (56, 115), "ink"),
+        Text(50, 134, "ω", "end"),
+    )
+
+    def parameters(self, space: Space) -> tuple[Parameter, ...]:
+        """Angular momentum in N m s."""
+        meaning = "angular momentum of the rotor along the sensor's {} axis"
+        return tuple(Parameter(name=f"h_{axis}", unit="N m s", meaning=meaning.format(axis)) for axis in space.axes)
+
+    def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
+        """Add the rotor's reaction to the tool."""
+        momentum = vector(*(p[f"h_{axis}"] for axis in chain.space.axes))
+        return replace(chain, torque=chain.torque - chain.motion.omega.cross(momentum))

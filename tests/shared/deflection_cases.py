@@ -15,7 +15,7 @@ from modeling.chain.model import planar, spatial
 from modeling.chain.prediction import DeflectedLoad, compiled_prediction
 from modeling.dynamics.deflection_solver import DeflectionSeries, solve_deflection
 from modeling.dynamics.motion_record import TimeBase
-from modeling.effects.loads import TipFlexibility
+from modeling.effects.geometry import TipFlexibility
 
 Array = NDArray[np.float64]
 Values = dict[str, float]

@@ -62,7 +62,7 @@ def description(effect: Effect) -> str:
     for space in effect.spaces:
         lines += ["", f"Parameters, {_sensors((space,))}:", *parameter_lines(effect.parameters(space))]
         if fixed := [p.name for p in effect.restricted(space).parameters(space) if p.fixed]:
-            lines.append(f"  A diagnosis fixes {' and '.join(fixed)} at 0, unless they are significant.")
+            lines.append(f"  A diagnosis fixes {', '.join(fixed)} at 0, unless they are significant.")
     lines += ["", f"Check on the rig: {effect.advice}."]
     if effect.confused_with:
         lines.append(f"Often confused with: {effect.confused_with}.")

@@ -71,6 +71,7 @@ from truewrench.simulated_rig.simulation import (
 )
 from truewrench.simulated_rig.tool_loads import (
     CONTACT_EDGE,
+    BaseForce,
     Buoyancy,
     CableSpring,
     ContactEvent,
@@ -78,6 +79,8 @@ from truewrench.simulated_rig.tool_loads import (
     Magnet,
     MagnusForce,
     QuadraticDrag,
+    SpinningRotor,
+    TranslationalFriction,
     ViscousDrag,
 )
 
@@ -87,6 +90,7 @@ __all__ = [
     "NOISE_MODELS",
     "Array",
     "AutoregressiveNoise",
+    "BaseForce",
     "BiasDrift",
     "BiasEffect",
     "Buoyancy",
@@ -125,6 +129,7 @@ __all__ = [
     "SensorSignal",
     "SimulatedRig",
     "SpatialRig",
+    "SpinningRotor",
     "StudentNoise",
     "ThermalDrift",
     "TimeDelay",
@@ -132,6 +137,7 @@ __all__ = [
     "ToolLoad",
     "Track",
     "TransientEffect",
+    "TranslationalFriction",
     "ViscousDrag",
     "WarmUpTemperature",
     "WhiteNoise",

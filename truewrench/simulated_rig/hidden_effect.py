@@ -22,6 +22,7 @@ class HiddenEffect(ABC):
     id: ClassVar[str]
     catalogued: ClassVar[bool] = True
     planar_only: ClassVar[bool] = False
+    spatial_only: ClassVar[bool] = False
     needs_motion: ClassVar[bool] = False
     """Whether it has no effect in static poses."""
 

@@ -293,6 +293,8 @@ def _ticks(count: int, step: float) -> Array:
 def _checked(rig: SimulatedRig, effect: HiddenEffect) -> HiddenEffect:
     if effect.planar_only and not rig.scene.planar:
         raise ValueError(f"{effect.id} needs a planar rig with joints")
+    if effect.spatial_only and rig.scene.planar:
+        raise ValueError(f"{effect.id} does not show in the plane; simulate a six-axis rig")
     return effect
 
 

@@ -65,6 +65,60 @@ class CoulombFriction(ToolLoad):
 
 
 @dataclass(frozen=True, kw_only=True)
+class TranslationalFriction(ToolLoad):
+    """Dry friction of size `level` (N) against the velocity of the point (x, y, d), m."""
+
+    id = "translational_friction"
+    needs_motion = True
+    level: float = 0.4
+    d: float = 0.12
+    x: float = 0.0
+    y: float = 0.0
+
+    def push(self, track: Track) -> tuple[Array, Array]:
+        """Against the velocity of the point; zero at rest."""
+        speed = np.linalg.norm(track.velocity, axis=1, keepdims=True)
+        direction = np.divide(track.velocity, speed, out=np.zeros_like(track.velocity), where=speed > 0)
+        return -self.level * direction, np.zeros_like(direction)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BaseForce(ToolLoad):
+    """`force` (N) at (x, y, d), m, and `torque` (N m) on the tool, both constant along the axes of MuJoCo's world.
+
+    The force is (x, 0, y) of one in the plane, where the torque does not turn, and is no more than a bias.
+    """
+
+    id = "base_force"
+    force: Vector = (0.9, 0.0, -1.2)
+    torque: Vector = (0.0, 0.0, 0.0)
+    d: float = 0.12
+    x: float = 0.0
+    y: float = 0.0
+
+    def push(self, track: Track) -> tuple[Array, Array]:
+        """The same at every sample."""
+        once = np.ones((len(track.time), 1))
+        return once * self.force, once * self.torque
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpinningRotor(ToolLoad):
+    """A rotor with a constant angular momentum (N m s) along the tool's axes, by what the tool feels of turning it."""
+
+    id = "spinning_rotor"
+    spatial_only = True
+    needs_motion = True
+    momentum: Vector = (0.0, 0.01, 0.04)
+    d: float = 0.0
+
+    def push(self, track: Track) -> tuple[Array, Array]:
+        """The momentum in the world changes as its tip moves; the rotor resists, and hands the opposite to the tool."""
+        in_world = track.turn.apply(self.momentum)
+        return np.zeros_like(in_world), -np.cross(track.spin, in_world)
+
+
+@dataclass(frozen=True, kw_only=True)
 class CableSpring(ToolLoad):
     """Tether: pulls the point (x, y, d) towards an anchor with k (distance - length), slack below `length`.
 

@@ -20,7 +20,8 @@ from modeling.chain.effect import NuisanceValues, SearchDomain
 from modeling.chain.model import planar
 from modeling.dynamics.equation_of_motion import DEFLECTION_TOLERANCE
 from modeling.effects import named
-from modeling.effects.loads import TipFlexibility, ViscousDrag
+from modeling.effects.geometry import TipFlexibility
+from modeling.effects.loads import ViscousDrag
 from modeling.effects.sensor import Saturation, SensorGain
 from modeling.parameter import Parameter
 from tests.shared.recordings import recording_of

@@ -17,7 +17,7 @@ from modeling.dynamics.discrete_deflection import DiscreteDeflection, deflected
 from modeling.dynamics.motion_record import TimeBase
 from modeling.dynamics.play import PlayResponse
 from modeling.dynamics.sample_program import SampleProgramBuilder
-from modeling.effects.loads import TipFlexibility
+from modeling.effects.geometry import TipFlexibility
 from modeling.errors import InputError
 from modeling.space import signals
 from tests.shared.deflection_cases import (

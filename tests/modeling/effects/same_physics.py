@@ -8,6 +8,7 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from estimation.model_response import model_response
 from estimation.recordings.reading import from_columns
@@ -48,6 +49,8 @@ OFF_AXIS: Mapping[str, simulated.HiddenEffect] = {
     "viscous_drag": simulated.ViscousDrag(x=0.03, y=-0.02),
     "quadratic_drag": simulated.QuadraticDrag(x=0.03, y=-0.02),
     "cable_spring": simulated.CableSpring(x=0.03, y=-0.02),
+    "translational_friction": simulated.TranslationalFriction(x=0.03, y=-0.02),
+    "base_force": simulated.BaseForce(force=(0.9, 0.5, -1.2), torque=(0.05, -0.03, 0.08), x=0.03, y=-0.02),
     "payload_change": simulated.PayloadChange(x=0.03, y=-0.02),
     "contact_event": simulated.ContactEvent(x=0.03, y=-0.02, d=0.12),
 }
@@ -61,12 +64,16 @@ PREDICTED_TO: Mapping[str, float] = {
     "sensor_hysteresis": 1e-5,
     "sensor_lag": 1e-5,
     "coulomb_friction": 3e-6,
+    "translational_friction": 5e-6,
 }
 """Where one side approximates.
 joint_elasticity   the model seeks the deflection a stated number of times, each wrong by some 0.06 of the one before
 sensor_hysteresis  the simulator takes tops of the load at points 1 ms apart: (w h)²/8 of a load of 10 rad/s
 sensor_lag         it takes a lag's input as straight between them: (w h)²/12
-coulomb_friction   the model rounds off a reversal: 5e-5 of a friction that is a thirtieth of the largest torque"""
+coulomb_friction   the model rounds off a reversal: 5e-5 of a friction that is a thirtieth of the largest torque
+translational_friction   the same, of one that is a twentieth"""
+SLOW = 0.1
+"""m/s: below, a friction that is rounded off at 1e-3 m/s is wrong by 5e-5 of itself and more."""
 ROUNDED_OFF = 0.1
 """rad/s: below, friction that is rounded off at 1e-3 rad/s is wrong by 5e-5 of itself and more."""
 PASSED_OVER = 0.3
@@ -162,6 +169,13 @@ def renamed(hidden: simulated.HiddenEffect, space: Space) -> Amounts:
             return {f"error_{hidden.link}": hidden.error}
         case simulated.CableSpring(anchor=(x, y, z)):
             return {"anchor_x": x, "anchor_y": z} if planar else {"anchor_x": x, "anchor_y": y, "anchor_z": z}
+        case simulated.BaseForce():
+            (x, y, z), turning = hidden.force, dict(zip("xyz", hidden.torque, strict=True))
+            if planar:
+                return {"force_x": x, "force_y": z}
+            return {"force_x": x, "force_y": y, "force_z": z} | {f"torque_{a}": t for a, t in turning.items()}
+        case simulated.SpinningRotor():
+            return {f"h_{axis}": momentum for axis, momentum in zip("xyz", hidden.momentum, strict=True)}
         case simulated.ContactEvent():
             force, point = hidden.force, SIMULATED[space].scene.point(hidden.x, hidden.y, hidden.d)
             torque = hidden.torque + np.cross(point, force)
@@ -237,9 +251,22 @@ def comparable(found: Simulated) -> NDArray[np.bool_]:
         names = ("dphi",) if found.case.space is Space.PLANE else ("wx", "wy", "wz")
         turning = np.linalg.norm([recording.signals[name] for name in names], axis=0)
         kept &= turning > ROUNDED_OFF
+    if isinstance(hidden, simulated.TranslationalFriction):
+        velocity = np.gradient(point_in_world(found.case.space, recording, hidden), recording.time, axis=0)
+        kept &= np.linalg.norm(velocity, axis=1) > SLOW
     if isinstance(hidden, simulated.JointBacklash):
         states = tuple(np.stack([recording.signals[f"{d}q{j}"] for j in (1, 2, 3)], axis=1) for d in ("", "d", "dd"))
         torques = simulated.weight_torques(PLANAR_RIG.scene, (states[0], states[1], states[2]))[0]
         kept &= (np.abs(torques) > PASSED_OVER).all(axis=1)
     assert kept.mean() > 0.7
     return np.asarray(kept)
+
+
+def point_in_world(space: Space, recording: Recording, load: simulated.ToolLoad) -> Array:
+    """The point of application (n, 2 or 3), m, by the recording's own motion."""
+    signals = recording.signals
+    origin = np.stack([signals[f"p{axis}"] for axis in space.axes], axis=1)
+    if space is Space.PLANE:
+        return np.asarray(origin + load.d * np.stack([np.sin(signals["phi"]), np.cos(signals["phi"])], axis=1))
+    turn = Rotation.from_quat(np.stack([signals[f"q{axis}"] for axis in "xyzw"], axis=1))
+    return np.asarray(origin + turn.apply((load.x, load.y, load.d)))
