@@ -19,9 +19,10 @@ from docs.generator.command_page import command_page
 from docs.generator.docstring_text import restructured
 from docs.generator.effect_page import described, sentence
 from docs.generator.terminal import terminal
-from modeling.chain.model import planar
+from modeling.chain.model import planar, spatial
 from modeling.effects import CATALOGUE, catalogue
 from modeling.rig import Rig
+from modeling.space import Space
 from tests.shared.places import ROOT
 from truewrench.command_line import COMMANDS
 from truewrench.simulated_rig import HIDDEN_EFFECTS
@@ -82,9 +83,9 @@ def test_results_in_the_reference_exist() -> None:
 def test_every_effect_can_be_described_and_simulated() -> None:
     """The page shows how the effect is seen and provoked, and pictures of a rig that hides it."""
     assert set(IDS) <= set(HIDDEN_EFFECTS)
-    model = planar(Rig(link_lengths=(1.0, 0.97, 0.4)))
+    models = {Space.PLANE: planar(Rig(link_lengths=(1.0, 0.97, 0.4))), Space.SPACE: spatial()}
     for effect in catalogue():
-        page = described(effect, model)
+        page = described(effect, models[effect.spaces[0]])
         assert f"`{effect.id}`" not in str(page["docstring"])
         for target in re.findall(r"\(#([\w-]+)\)", f"{page['confused']}{page['advice']}"):
             assert target in LABELS

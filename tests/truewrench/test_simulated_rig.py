@@ -17,6 +17,7 @@ from truewrench.simulated_rig import (
     HIDDEN_EFFECTS,
     NOISE_MODELS,
     Array,
+    BaseForce,
     BiasDrift,
     CableSpring,
     CentreOfMassOffset,
@@ -36,9 +37,11 @@ from truewrench.simulated_rig import (
     SensorRotation,
     SimulatedRig,
     SpatialRig,
+    SpinningRotor,
     ThermalDrift,
     TimeDelay,
     ToolLoad,
+    TranslationalFriction,
     ViscousDrag,
     resolve_effects,
     rigid_tool_wrench,
@@ -245,6 +248,71 @@ def test_coulomb_friction_keeps_its_size() -> None:
     assert set(np.sign(torque[:, 2])) == {-1.0, 1.0}
 
 
+def test_friction_against_the_translation_keeps_its_size() -> None:
+    rig, omega = replace(PLANAR, link_lengths=(0.7,), gravity=0.0), 2.0
+    friction = TranslationalFriction(level=0.4, d=0.1)
+    for turning in (omega, -omega, 3 * omega):
+        states = (np.array([[0.4]]), np.array([[turning]]), np.array([[0.0]]))
+        felt = planar_wrench(states, friction, rig=rig) - planar_wrench(states, rig=rig)
+        push = 0.4 * np.sign(turning)  # against a point that moves clockwise, along +x', the sensor pushes that way
+        np.testing.assert_allclose(felt[0], [push, 0.0, 0.1 * push], atol=EXACT)
+    np.testing.assert_array_equal(planar_wrench(still(0.4), friction, rig=rig), planar_wrench(still(0.4), rig=rig))
+
+
+def test_a_force_in_base_axes_is_a_weight_without_inertia() -> None:
+    """Downwards at d: the sensor holds it as it holds a mass there at rest, and not where that accelerates."""
+    force = BaseForce(force=(0.0, 0.0, -0.1 * G), d=0.1)
+    mass = PayloadChange(mass=0.1, d=0.1, time=0.0).changed(PLANAR.scene)
+    for states in (still(0.1, 0.4, -0.3), still(0.9, 0.2, 0.3)):
+        held = rigid_tool_wrench(mass, (), np.zeros(1), states)[:, PLANAR.rows]
+        np.testing.assert_allclose(planar_wrench(states, force), held, atol=1e-10)  # of a payload of 1e-12 kg m²
+    moving = (states[0], states[1], np.array([[1.0, 0.0, 0.0]]))
+    pulled = planar_wrench(moving, force) - planar_wrench(moving)
+    np.testing.assert_allclose(pulled, planar_wrench(states, force) - planar_wrench(states), atol=EXACT)
+
+
+def test_a_torque_in_base_axes_turns_in_the_sensor() -> None:
+    torque = np.array([0.05, -0.03, 0.08])
+    change = added(SPATIAL, BaseForce(force=(0.0, 0.0, 0.0), torque=tuple(torque)))
+    turns = Rotation.from_quat(run(SPATIAL)[["qx", "qy", "qz", "qw"]])
+    np.testing.assert_allclose(change[:, :3], 0.0, atol=EXACT)
+    np.testing.assert_allclose(change[:, 3:], -turns.inv().apply(torque), atol=1e-5)  # of recorded angles
+
+
+def test_a_spinning_rotor_is_a_flywheel() -> None:
+    """What MuJoCo makes of a wheel on the tool, less the same wheel at rest relative to it."""
+    mujoco = pytest.importorskip("mujoco")
+    inertia, axis, spin = 2e-4, np.array([0.6, 0.0, 0.8]), 250.0
+    hinges = "".join(f'<joint type="hinge" axis="{a}"/>' for a in ("1 0 0", "0 1 0", "0 0 1"))
+    wheel = (
+        '<body pos="0.01 0.02 0.1"><joint type="hinge" axis="0.6 0 0.8"/>'
+        f'<inertial pos="0 0 0" mass="0.2" diaginertia="{inertia} {inertia} {inertia}"/></body>'
+    )
+    model = mujoco.MjModel.from_xml_string(
+        f'<mujoco><worldbody><body>{hinges}<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/><body><site name="s"/>'
+        f'<inertial pos="0 0 0.05" mass="1" diaginertia="0.01 0.01 0.01"/>{wheel}</body></body></worldbody>'
+        '<sensor><torque site="s"/></sensor></mujoco>'
+    )
+    states = tuple(np.random.default_rng(4).normal(size=(3, 5, 3)))
+    felt = []
+    for speed in (spin, 0.0):
+        data, torques = mujoco.MjData(model), []
+        for q, dq, ddq in zip(*states, strict=True):
+            data.qpos[:], data.qvel[:], data.qacc[:] = [*q, 0.0], [*dq, speed], [*ddq, 0.0]
+            mujoco.mj_inverse(model, data)
+            torques.append(data.sensordata.copy())
+        felt.append(np.array(torques))
+    six = (np.hstack([np.zeros((5, 3)), s]) for s in states)
+    carriage = tuple(six)
+    rotor = SpinningRotor(momentum=tuple(inertia * spin * axis))
+    with_it, without = (
+        rigid_tool_wrench(SPATIAL.scene, loads, np.zeros(5), (carriage[0], carriage[1], carriage[2]))
+        for loads in ((rotor,), ())
+    )
+    np.testing.assert_allclose(with_it[:, 3:] - without[:, 3:], felt[0] - felt[1], atol=1e-10)
+    np.testing.assert_allclose(with_it[:, :3], without[:, :3], atol=EXACT)
+
+
 def test_tether_pulls_when_taut_and_never_pushes() -> None:
     anchor = 1.0, 0.0, 2.37
     upright = still(0.0, 0.0, 0.0)  # the sensor is at (0, 2.37), 1 m from the anchor
@@ -388,7 +456,7 @@ def test_saturation_clips() -> None:
 @pytest.mark.parametrize("rig", [PLANAR, SPATIAL], ids=["planar", "spatial"])
 @pytest.mark.parametrize("effect", HIDDEN_EFFECTS.values(), ids=lambda e: e.id)
 def test_every_effect_shows_on_every_rig_that_can_have_it(rig: SimulatedRig, effect: HiddenEffect) -> None:
-    if effect.planar_only and rig is SPATIAL:
+    if (effect.planar_only and rig is SPATIAL) or (effect.spatial_only and rig is PLANAR):
         with pytest.raises(ValueError, match=effect.id):
             run(rig, effect)
         return

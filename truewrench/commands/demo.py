@@ -25,6 +25,7 @@ from truewrench.files.demonstration import (
     VALIDATION,
     contact_events,
     hidden_effect_by_id,
+    in_six_axes,
     record,
     runs_of,
 )
@@ -46,7 +47,8 @@ def run(arguments: argparse.Namespace) -> None:
     """Simulate, diagnose the recordings written, compare with the truth."""
     effect = hidden_effect_by_id(arguments.effect)
     out = make_folder(arguments.out)
-    print(f"Simulated planar arm with hidden effect: {_described(record(effect, out))}")
+    simulated = "six-axis carriage" if in_six_axes(effect) else "planar arm"
+    print(f"Simulated {simulated} with hidden effect: {_described(record(effect, out))}")
     runs = runs_of(effect)
     names = ("rig.toml", *(r.name for r in runs))
     print("Recorded: " + ", ".join(str(out / name) for name in names), end="\n\n", flush=True)

@@ -15,6 +15,7 @@ from truewrench.simulated_rig import (
     BiasDrift,
     ContactEvent,
     PlanarRig,
+    SpatialRig,
     TipFlexibility,
     TransientEffect,
     resolve_effects,
@@ -23,7 +24,7 @@ from truewrench.simulated_rig import (
 )
 
 if TYPE_CHECKING:
-    from truewrench.simulated_rig import HiddenEffect
+    from truewrench.simulated_rig import HiddenEffect, SimulatedRig
 
 NOTHING = "nothing"
 HARMONICS = 5
@@ -45,6 +46,15 @@ acceleration = {acceleration}   # rad/s²
 [sensor]
 convention = "{convention}"
 """
+SIX_AXES = """\
+[robot]
+name = "simulated six-axis carriage"
+gravity = {gravity}   # m/s²
+
+[sensor]
+convention = "{convention}"
+"""
+"""For effects that do not show in the plane."""
 
 
 @dataclass(frozen=True)
@@ -78,13 +88,22 @@ def hidden_effect_by_id(effect_id: str) -> HiddenEffect | None:
 
 
 def runs_of(effect: HiddenEffect | None) -> tuple[Run, ...]:
-    """Recordings of the demo: none of a contact with a flexible tip, whose periodic state alone is simulated."""
-    return (TRAINING, VALIDATION) if isinstance(effect, TipFlexibility) else (TRAINING, VALIDATION, CONTACT)
+    """Recordings of the demo: none of a contact with a flexible tip, whose periodic state alone is simulated.
+
+    Nor in six axes, whose contact has no picture of one direction.
+    """
+    alone = isinstance(effect, TipFlexibility) or in_six_axes(effect)
+    return (TRAINING, VALIDATION) if alone else (TRAINING, VALIDATION, CONTACT)
+
+
+def in_six_axes(effect: HiddenEffect | None) -> bool:
+    """Whether the demo is of a six-axis rig, as the effect does not show in the plane."""
+    return effect is not None and effect.spatial_only
 
 
 def record(effect: HiddenEffect | None, out: Path, runs: Sequence[Run] | None = None) -> HiddenEffect | None:
     """Write rig file and recordings, by default all; return the effect as resolved for the rig."""
-    rig = PlanarRig()
+    rig: SimulatedRig = SpatialRig() if in_six_axes(effect) else PlanarRig()
     with atomic_write(out / "rig.toml") as path:
         path.write_text(rig_text(rig), encoding="utf-8")
     hidden = () if effect is None else (effect,)
@@ -104,8 +123,10 @@ def contact_events(period: float) -> list[ContactEvent]:
     return [ContactEvent(start=r * period + PUSH[0], end=r * period + PUSH[1]) for r in range(CONTACT.repeats)]
 
 
-def rig_text(rig: PlanarRig) -> str:
-    """The rig file of a simulated arm."""
+def rig_text(rig: SimulatedRig) -> str:
+    """The rig file of a simulated arm, or of a six-axis carriage."""
+    if not isinstance(rig, PlanarRig):
+        return SIX_AXES.format(gravity=rig.gravity, convention=rig.convention)
     joints = rig.coordinates
     limits = {"position": rig.position_limit, "velocity": rig.velocity_limit, "acceleration": rig.acceleration_limit}
     lists = {name: list(v) if isinstance(v, tuple) else [v] * joints for name, v in limits.items()}
