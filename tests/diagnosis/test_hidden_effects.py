@@ -20,6 +20,7 @@ from tests.shared.recordings import recording_of
 from tests.shared.rigs import RIG, described
 from truewrench import simulated_rig
 from truewrench.simulated_rig import (
+    BaseForce,
     Buoyancy,
     CentreOfMassOffset,
     ContactEvent,
@@ -33,8 +34,10 @@ from truewrench.simulated_rig import (
     SensorHysteresis,
     SensorLag,
     SpatialRig,
+    SpinningRotor,
     TimeDelay,
     TipFlexibility,
+    TranslationalFriction,
     ViscousDrag,
     simulate,
 )
@@ -54,6 +57,7 @@ class Hidden:
     effect: HiddenEffect
     truth: Mapping[str, float] = field(default_factory=dict)
     seed: int = 1
+    beside: tuple[HiddenEffect, ...] = ()
 
 
 @cache
@@ -74,7 +78,10 @@ def diagnosed(hidden: Hidden) -> Diagnosis:
             name=name,
             rig=described(rig),
         )
-        for name, motion, effects in (("train", seed, (hidden.effect,)), ("validate", seed + 500, lasting))
+        for name, motion, effects in (
+            ("train", seed, (hidden.effect, *hidden.beside)),
+            ("validate", seed + 500, (*lasting, *hidden.beside)),
+        )
     ]
     model = planar(RIG) if isinstance(rig, PlanarRig) else spatial()
     return diagnose(model, recordings[0], validate=recordings[1])
@@ -96,6 +103,20 @@ FOUND = {
     "contact_event": Hidden(PlanarRig(), ContactEvent(), {"fcx": 4.0, "fcy": 2.0, "tauc": 0.3}),
     "gravity_tilt, six axes": Hidden(
         SpatialRig(), GravityTilt(tilt_x=0.02, tilt_y=0.03), {"tilt_x": 0.02, "tilt_y": 0.03}
+    ),
+    "translational_friction": Hidden(PlanarRig(), TranslationalFriction(level=0.4), {"level": 0.4, "d": 0.12}),
+    "translational_friction, six axes": Hidden(SpatialRig(), TranslationalFriction(level=0.2), {"level": 0.2}),
+    "base_force": Hidden(PlanarRig(), BaseForce(), {"force_x": 0.9, "force_y": -1.2, "d": 0.12}),
+    "base_force, downwards": Hidden(
+        SpatialRig(), BaseForce(force=(0.0, 0.0, -1.5)), {"force_x": 0.0, "force_y": 0.0, "force_z": -1.5, "d": 0.12}
+    ),
+    "base_force, a zero taken in base axes": Hidden(
+        SpatialRig(),
+        BaseForce(force=(0.6, -0.3, 0.5), torque=(0.05, -0.04, 0.02), d=0.0),
+        {"force_z": 0.5, "torque_x": 0.05, "torque_y": -0.04, "torque_z": 0.02, "x": 0.0, "y": 0.0, "d": 0.0},
+    ),
+    "spinning_rotor": Hidden(
+        SpatialRig(), SpinningRotor(momentum=(0.0, 0.01, 0.04)), {"h_x": 0.0, "h_y": 0.01, "h_z": 0.04}
     ),
     "time_delay, six axes": Hidden(SpatialRig(), TimeDelay(delay=0.012), {"delay": 0.012}),
 }
@@ -124,6 +145,16 @@ def test_hidden_effect_is_found_alone_with_its_amount(case: str) -> None:
     estimates = result.findings[0].parameters
     for name, value in hidden.truth.items():
         assert abs(estimates[name].value - value) < STANDARD_DEVIATIONS * estimates[name].std, (name, estimates[name])
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("effect", [TranslationalFriction(level=0.4), BaseForce(), SpinningRotor()], ids=lambda e: e.id)
+def test_beside_a_drag_both_are_found(effect: HiddenEffect) -> None:
+    rig = SpatialRig() if effect.spatial_only else PlanarRig()
+    drag = ViscousDrag(c=0.5 if effect.spatial_only else 0.25, d=0.05)
+    result = diagnosed(Hidden(rig, effect, beside=(drag,)))
+    assert set(result.added) == {effect.id, "viscous_drag"}, str(result)
+    assert result.verdict is RecordVerdict.EXPLAINED
 
 
 @pytest.mark.parametrize("case", ["com_offset", "viscous_drag", "sensor_lag"])

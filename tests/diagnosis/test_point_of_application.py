@@ -60,6 +60,10 @@ def hidden(effect_id: str, x: float, y: float) -> simulated.HiddenEffect:
             return simulated.QuadraticDrag(c=0.3, x=x, y=y)
         case "cable_spring":
             return simulated.CableSpring(k=8.0, anchor=(0.5, 0.25, 0.4), length=0.55, x=x, y=y)
+        case "translational_friction":
+            return simulated.TranslationalFriction(x=x, y=y)
+        case "base_force":
+            return simulated.BaseForce(force=(0.9, 0.5, -1.2), x=x, y=y)
         case "payload_change":
             return simulated.PayloadChange(mass=0.08, x=x, y=y)
         case _:
@@ -103,6 +107,8 @@ def assert_found_at(found: Diagnosis, effect_id: str, truth: Mapping[str, float]
         ("quadratic_drag", 22),
         ("cable_spring", 21),
         ("cable_spring", 22),
+        ("translational_friction", 22),
+        ("base_force", 21),
         ("payload_change", 22),
     ],
 )
@@ -201,7 +207,7 @@ def test_on_the_axis_x_and_y_are_in_the_model_but_not_in_its_equations(effect: E
     free, fixed = spatial() + effect, spatial() + effect.restricted(Space.SPACE)
     assert [p.name for p in free.parameters] == [p.name for p in fixed.parameters]
     rng, names = np.random.default_rng(2), [p.name for p in free.parameters]
-    offsets = [names.index(f"{effect.id}.{axis}") for axis in "xy"]
+    offsets = [names.index(p.name) for p in effect.restricted(Space.SPACE).qualified(Space.SPACE) if p.fixed]
     theta = rng.uniform(0.1, 0.6, len(names))
     signals = {name: rng.normal(0, 2, 20) for name in free.inputs}
     on_axis = theta.copy()

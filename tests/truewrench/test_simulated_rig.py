@@ -302,13 +302,9 @@ def test_a_spinning_rotor_is_a_flywheel() -> None:
             mujoco.mj_inverse(model, data)
             torques.append(data.sensordata.copy())
         felt.append(np.array(torques))
-    six = (np.hstack([np.zeros((5, 3)), s]) for s in states)
-    carriage = tuple(six)
+    q, dq, ddq = (np.hstack([np.zeros((5, 3)), turning]) for turning in states)
     rotor = SpinningRotor(momentum=tuple(inertia * spin * axis))
-    with_it, without = (
-        rigid_tool_wrench(SPATIAL.scene, loads, np.zeros(5), (carriage[0], carriage[1], carriage[2]))
-        for loads in ((rotor,), ())
-    )
+    with_it, without = (rigid_tool_wrench(SPATIAL.scene, loads, np.zeros(5), (q, dq, ddq)) for loads in ((rotor,), ()))
     np.testing.assert_allclose(with_it[:, 3:] - without[:, 3:], felt[0] - felt[1], atol=1e-10)
     np.testing.assert_allclose(with_it[:, :3], without[:, :3], atol=EXACT)
 
