@@ -25,7 +25,7 @@ from estimation.recordings.recording import Recording, require_channels
 from estimation.recordings.sign_convention import SignDecision, with_convention
 from modeling.chain.model import WrenchModel
 from modeling.effects.geometry import GravityTilt
-from modeling.effects.loads import CableSpring
+from modeling.effects.loads import BaseForce, CableSpring
 from modeling.errors import InputError
 from modeling.kinematics.placement import Direction
 from modeling.rig import Convention, Rig
@@ -80,8 +80,8 @@ class Case:
         Where neither the model nor a recording's rig states gravity's direction, the evidence of all readings of the
         frames is weighed. A base that clearly does not stand upright is mounted as estimated: along the nearest axis
         where that is within 15 degrees; else as estimated, and the two angles of `gravity_tilt` are fitted beside the
-        tool. Where a cable on the tool explains the readings as well, gravity stays down. A sign convention AUTO is
-        decided from the weight in the readings.
+        tool. Where a cable on the tool explains the readings as well, or a force that is constant in base axes better,
+        gravity stays down. A sign convention AUTO is decided from the weight in the readings.
 
         Another reading may be shown than that (`estimation/readings/`). It is adopted where it changes nothing that was
         stated: gravity that points up, in six axes a sensor that is turned. A mistake in the log, as a sign of the
@@ -169,7 +169,7 @@ class Case:
             shown = gravity_evidence(
                 several, gravity=model.gravity, convention=model.convention, mirror_y=model.mirror_y
             )
-            gravity, doubted = (None, shown) if shown is not None and shown.cable is not None else (shown, None)
+            gravity, doubted = (None, shown) if shown is not None and shown.is_doubted else (shown, None)
         direction = direction if gravity is None else gravity.direction
         model = model if direction is None else _on_base(model, direction)
         tilted = any(effect.id == GravityTilt.id for effect in model.effects)
@@ -204,9 +204,9 @@ class Case:
         """The case after a fit of a model on its base, with the fitted parameters by name.
 
         The direction of gravity that the data decided is turned by the tilt fitted beside the tool; one that is doubted
-        for a cable on the tool is dropped where the fit has that cable.
+        for a cable on the tool, or a force that is constant in base axes, is dropped where the fit has that.
         """
-        if self.doubted is not None and any(effect.id == CableSpring.id for effect in model.effects):
+        if self.doubted is not None and any(effect.id in (CableSpring.id, BaseForce.id) for effect in model.effects):
             return replace(self, doubted=None)
         if self.gravity is None:
             return self

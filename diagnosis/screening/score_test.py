@@ -175,9 +175,13 @@ def screen(
 
 
 def absent_effects(fit: Fit, effects: Sequence[Effect]) -> list[tuple[Fit, Effect]]:
-    """Pairs of the fit and each of the effects that its model lacks, at a point on the tip axis if it has one."""
-    present = {e.id for e in fit.model.effects}
-    return [(fit, e.restricted(fit.model.space)) for e in effects if e.id not in present]
+    """Pairs of the fit and each of the effects that its model lacks, at a point on the tip axis if it has one.
+
+    Of poses at rest alone in the form for these.
+    """
+    present, at_rest = {e.id for e in fit.model.effects}, all(r.at_rest for r in fit.recordings)
+    absent = [e.restricted(fit.model.space) for e in effects if e.id not in present]
+    return [(fit, e.at_rest() if at_rest else e) for e in absent]
 
 
 def run_searches(

@@ -20,13 +20,24 @@ from estimation.gravity.gravity_estimate import (
     upright_direction,
     without_terms,
 )
+from estimation.least_squares.square_root_information import orthonormal_basis
+from estimation.multiplicity import f_sf
 from estimation.recordings.recording import Recording
 from estimation.recordings.sign_convention import to_sensor_frame
-from estimation.recordings.weight_fit import LEAST_EXPLAINED, PulledTool, WeightFit, cable_instead, joined, weight_fit
+from estimation.recordings.weight_fit import (
+    LEAST_EXPLAINED,
+    SMALLEST_SQUARE,
+    PulledTool,
+    WeightFit,
+    cable_instead,
+    joined,
+    weight_fit,
+)
 from modeling.chain.model import WrenchModel
 from modeling.effects.geometry import GravityTilt
 from modeling.kinematics.placement import COMPONENTS, Direction, in_base_axes, unit_direction
 from modeling.rig import Convention
+from modeling.significance import LEVELS
 
 Array = NDArray[np.float64]
 
@@ -41,7 +52,8 @@ def gravity_evidence(
 ) -> GravityEstimate | None:
     """The direction where the base is shown not to stand upright, and no other mistake explains as much; else None.
 
-    Where an upright base with a cable on its tool explains the forces as well, the estimate has that cable.
+    Where an upright base with a cable on its tool explains the forces as well, the estimate has that cable; where one
+    with a force that is constant in base axes explains the readings better, it says so.
 
     The recordings, of one sensor, are in base axes; gravity in m/s². The signs are those of planar readings, and decide
     of six axes between directions that poses at rest do not distinguish. Shown is by `WeightFit.is_shown_against`: of
@@ -60,7 +72,7 @@ def gravity_evidence(
         return None
     mistaken = [[mistake(series) for series in samples] for mistake in MISTAKES]
     others = [_weight(series, upright_direction(3), gravity) for series in (samples, *mistaken)]
-    return _with_cable(estimate, samples, gravity) if _is_shown(estimate, samples, others, gravity) else None
+    return _with_rivals(estimate, samples, gravity) if _is_shown(estimate, samples, others, gravity) else None
 
 
 @lru_cache(maxsize=1)
@@ -81,7 +93,7 @@ def _in_plane(recordings: Sequence[Recording], gravity: float, signs: Array) -> 
     if not estimate.decided or np.trace(estimate.fit.matrix) <= 0 or not _explains_enough(estimate):
         return None
     others = [_weight(samples, upright_direction(2), gravity)]
-    return _with_cable(estimate, samples, gravity) if _is_shown(estimate, samples, others, gravity) else None
+    return _with_rivals(estimate, samples, gravity) if _is_shown(estimate, samples, others, gravity) else None
 
 
 def _independent(recordings: Sequence[Recording]) -> int:
@@ -104,8 +116,14 @@ def _is_shown(
     return all(turned.is_shown_against(rival, len(rivals)) for rival in rivals)
 
 
-def _with_cable(estimate: GravityEstimate, samples: Sequence[SensorSamples], gravity: float) -> GravityEstimate:
-    """The estimate with the cable that explains the forces as well, where the positions are known."""
+def _with_rivals(estimate: GravityEstimate, samples: Sequence[SensorSamples], gravity: float) -> GravityEstimate:
+    """The estimate with what explains the readings on a level base: a force that is constant there, or a cable.
+
+    A force is no rival of an axis: a base on a wall or a ceiling is none's accident. A cable is one where the positions
+    are known.
+    """
+    if not estimate.along_axis and _constant_force_instead(estimate, samples, gravity):
+        return replace(estimate, base_force=True)
     if any(recorded.position is None for recorded in samples):
         return estimate
     upright, turned = (
@@ -113,6 +131,81 @@ def _with_cable(estimate: GravityEstimate, samples: Sequence[SensorSamples], gra
         for direction in (upright_direction(len(estimate.direction)), estimate.direction)
     )
     return replace(estimate, cable=cable_instead(upright, turned))
+
+
+ROUNDS = 20
+"""In which the mounting and the size and direction of a pull are fitted in turn: a fifth of them is enough."""
+LEAST_REMOVED = 0.5
+"""Share of what a turned gravity leaves that a force which is constant in base axes has to remove: it has one number
+more in motion and six at rest, and some hidden effect would favour it."""
+
+
+def _constant_force_instead(estimate: GravityEstimate, samples: Sequence[SensorSamples], gravity: float) -> bool:
+    """Whether a force that is constant in base axes explains the readings better than a turned gravity.
+
+    Both pull one way in base axes, at rest alike. In motion gravity has the size that it has; at rest its torque is
+    that of the forces at the centre of mass, while that of the weight and of another force have two directions.
+    """
+    turned = _weight(samples, estimate.direction, gravity)
+    if any(recorded.rotation is None for recorded in samples):
+        return _torque_of_two_directions(samples, np.array(estimate.direction), turned.mounting)
+    pulled = _weight_and_pull(samples, turned, estimate.direction, gravity)
+    return pulled.rms**2 < LEAST_REMOVED * turned.rms**2 and pulled.is_nearer_than(turned)
+
+
+def _weight_and_pull(
+    samples: Sequence[SensorSamples], turned: WeightFit, direction: Direction, gravity: float
+) -> WeightFit:
+    """The fit with gravity of any size beside its direction: that of an upright base, with a constant force.
+
+    Its squares are larger by what the size costs by the Bayesian information criterion.
+    """
+    axes = len(direction)
+    zero = (0.0,) * axes
+    rows = [recorded.without_rotation(zero, gravity) for recorded in samples]
+    accelerated, force = (np.concatenate(each) for each in zip(*rows, strict=True))
+    along = [
+        np.concatenate([recorded.without_rotation(tuple(unit), gravity)[0] for recorded in samples]) - accelerated
+        for unit in np.eye(axes)
+    ]
+    columns = np.column_stack([accelerated.ravel(), *(column.ravel() for column in along)])
+    fit = turned
+    for _ in range(ROUNDS):
+        mass, *pull = np.linalg.lstsq(columns, (force @ fit.mounting).ravel())[0]
+        if mass <= 0:
+            return turned
+        fit = _weight(samples, tuple(float(component) / float(mass) for component in pull), gravity)
+    return replace(fit, squares=fit.squares * force.size ** (1 / force.size))
+
+
+def _torque_of_two_directions(samples: Sequence[SensorSamples], direction: Array, mounting: Array) -> bool:
+    """Whether the torques at rest are not those of one pull along `direction`, but of it and of another.
+
+    One pull gives torques that are linear in it, whatever its point, its leaks and its mounting; beside them the torque
+    of a vertical weight and one that is constant in base axes are tested.
+    """
+    at_rest = [recorded for recorded in samples if recorded.rotation is None and recorded.torque is not None]
+    left, columns, count = [], [], 0
+    for recorded in at_rest:
+        assert recorded.torque is not None
+        turn = recorded.to_sensor
+        basis = orthonormal_basis(np.column_stack([np.ones(len(turn)), turn @ direction]))
+        up = turn[:, :, -1]
+        weight = np.stack([np.cross(unit, up) for unit in np.eye(3)], axis=2)
+        extra = np.concatenate([weight, turn], axis=2)
+        torque = recorded.torque @ mounting
+        left.append((torque - basis @ (basis.T @ torque)).ravel())
+        columns.append((extra - np.tensordot(basis, np.tensordot(basis.T, extra, 1), 1)).reshape(-1, extra.shape[2]))
+        count += 3 * (len(turn) - basis.shape[1])
+    if not at_rest:
+        return False
+    rows, design = np.concatenate(left), np.concatenate(columns)
+    power, more = float(rows @ rows), design.shape[1]
+    remains = float(np.sum((rows - design @ np.linalg.lstsq(design, rows)[0]) ** 2))
+    if count <= more or remains > LEAST_REMOVED * power or not power:
+        return False
+    ratio = (power - remains) / more / (max(remains, SMALLEST_SQUARE) / (count - more))
+    return bool(f_sf(ratio, more, count - more) < LEVELS.misread)
 
 
 def _weight(samples: Sequence[SensorSamples], direction: Direction, gravity: float) -> WeightFit:
@@ -131,13 +224,17 @@ def _leaves_enough(moments: WeightMoments) -> bool:
 @dataclass(frozen=True, eq=False)
 class SensorSamples:
     """Rows of one recording that are fitted: R' (n, d, d) to the sensor's axes, accelerations in base axes and forces
-    (n, d), what turns with the tool (n, k), None at rest, and positions (n, d) in base axes, None where not known."""
+    (n, d), what turns with the tool (n, k), None at rest, and positions (n, d) in base axes, None where not known.
+
+    torque  (n, 3) in six axes
+    """
 
     to_sensor: Array
     acceleration: Array
     force: Array
     rotation: Array | None
     position: Array | None
+    torque: Array | None = None
 
     @classmethod
     def in_space(cls, recording: Recording) -> SensorSamples:
@@ -149,6 +246,7 @@ class SensorSamples:
             recording.wrench[every, :3],
             None if recording.at_rest else rotation_terms(recording, every),
             _positions(recording, every),
+            recording.wrench[every, 3:],
         )
 
     @classmethod

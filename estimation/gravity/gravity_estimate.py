@@ -206,6 +206,7 @@ class GravityEstimate:
     mounted     the direction before it was turned by the tilt that a fit found beside the tool; None if it was not
     cable       the fit of an upright base with a cable on the tool, where that explains the forces as well, so that
                 gravity is taken as down; else None
+    base_force  whether a force that is constant in base axes explains the readings better: gravity is taken as down
     """
 
     direction: Direction
@@ -215,6 +216,12 @@ class GravityEstimate:
     decided: bool
     mounted: Direction | None = None
     cable: WeightFit | None = None
+    base_force: bool = False
+
+    @property
+    def is_doubted(self) -> bool:
+        """Whether physics on a level base explains the readings as well, so that gravity is taken as down."""
+        return self.cable is not None or self.base_force
 
     @property
     def is_upright(self) -> bool:
@@ -249,15 +256,21 @@ class GravityEstimate:
     @property
     def not_applied(self) -> str:
         """Why gravity is taken as down nevertheless, as a sentence; empty where it is not."""
-        if self.cable is None:
+        if not self.is_doubted:
             return ""
-        cable = f"a cable that pulls the tool explains the forces as well, with {self.cable.mass:.3g} kg"
+        other = "a force that is constant in base axes explains the readings better, as of a zero that was taken there"
+        if self.cable is not None:
+            other = f"a cable that pulls the tool explains the forces as well, with {self.cable.mass:.3g} kg"
         remedy = f"If the base is mounted so, write {self.stated} under [robot] in the rig."
-        return f"Gravity is taken as down, though it may point {self.place}: {self.evidence}, but {cable}. {remedy}"
+        return f"Gravity is taken as down, though it may point {self.place}: {self.evidence}, but {other}. {remedy}"
 
     @property
     def meaning(self) -> str:
-        """What the readings may show, in words: gravity's direction, or the cable instead of it."""
+        """What the readings may show, in words: gravity's direction, or the cable or the force instead of it."""
+        if self.base_force:
+            return (
+                f"a force is constant in base axes, as of a zero that was taken there, or gravity points {self.place}"
+            )
         if self.cable is None:
             return f"gravity points {self.place}"
         size = f"{self.cable.mass:.3g} kg, residual {self.cable.rms:.3g} N"
@@ -267,7 +280,7 @@ class GravityEstimate:
     def advice(self) -> str:
         """What to do about it."""
         line = f"state {self.stated} under [robot] in the rig"
-        return line if self.cable is None else f"gravity is taken as down; if the base is mounted so, {line}"
+        return f"gravity is taken as down; if the base is mounted so, {line}" if self.is_doubted else line
 
     @property
     def stated(self) -> str:

@@ -156,6 +156,10 @@ class Effect(ABC):
         """The effect with all of its parameters free; by default itself."""
         return self
 
+    def at_rest(self) -> Self:
+        """The effect for poses at rest, with what is fixed that they cannot tell from the tool; by default itself."""
+        return self
+
     def qualified(self, space: Space) -> tuple[Parameter, ...]:
         """The parameters under their full names, `<id>.<name>`."""
         return tuple(replace(p, name=f"{self.id}.{p.name}") for p in self.parameters(space))

@@ -364,8 +364,11 @@ class BaseForce(PointEffect):
     and torque. In the plane such a torque is in the bias. With `on_axis`, x, y and the torque are fixed at 0.
 
     At rest the vertical force is weight, the horizontal one that of a tilted base: only accelerations tell them apart,
-    and the torque, where the force is not at the centre of mass.
+    and the torque, where the force is not at the centre of mass. With `horizontal` the vertical force is fixed at 0, as
+    a diagnosis of poses at rest has it: mass and centre of mass are then those of the weight and that force together.
     """
+
+    horizontal: bool = False
 
     id = "base_force"
     title = "force that is constant in base axes"
@@ -395,7 +398,12 @@ class BaseForce(PointEffect):
     def parameters(self, space: Space) -> tuple[Parameter, ...]:
         """Force in N, the point in m, in six axes torque in N m."""
         force = tuple(
-            Parameter(name=f"force_{axis}", unit="N", meaning=f"its component along the world's {axis} axis")
+            Parameter(
+                name=f"force_{axis}",
+                unit="N",
+                meaning=f"its component along the world's {axis} axis",
+                bounds=(0.0, 0.0) if self.horizontal and axis == space.axes[-1] else (-inf, inf),
+            )
             for axis in space.axes
         )
         torque = tuple(
@@ -422,6 +430,10 @@ class BaseForce(PointEffect):
     def nuisance_grid(self, domain: SearchDomain) -> tuple[NuisanceValues, ...]:
         """Points along the tip."""
         return tuple({"d": d} for d in tip_distances(domain))
+
+    def at_rest(self) -> Self:
+        """Without its vertical component, which is weight."""
+        return replace(self, horizontal=True)
 
 
 @dataclass(frozen=True)
