@@ -64,7 +64,10 @@ def refit_in_own_noise(before: Fit, model: WrenchModel, start: dict[str, float])
 
 
 def _fixed_names(effect: Effect, model: WrenchModel) -> tuple[str, ...]:
-    return tuple(p.name for p in effect.qualified(model.space) if p.fixed)
+    """Full names of the parameters that are fixed in this form of an effect, and free in another."""
+    free = effect.unrestricted(model.space).qualified(model.space)
+    forms = zip(effect.qualified(model.space), free, strict=True)
+    return tuple(p.name for p, freed in forms if p.fixed and not freed.fixed)
 
 
 def _with(model: WrenchModel, effect: Effect) -> WrenchModel:

@@ -134,10 +134,10 @@ def _with_rivals(estimate: GravityEstimate, samples: Sequence[SensorSamples], gr
 
 
 ROUNDS = 20
-"""In which the mounting and the size and direction of a pull are fitted in turn: a fifth of them is enough."""
+"""In which the mounting, and the size and direction of the pull, are fitted in turn: a fifth of them is enough."""
 LEAST_REMOVED = 0.5
-"""Share of what a turned gravity leaves that a force which is constant in base axes has to remove: it has one number
-more in motion and six at rest, and some hidden effect would favour it."""
+"""Share of what a turned gravity leaves that a force which is constant in base axes has to remove: it has more
+parameters, and some hidden effect would favour it."""
 
 
 def _constant_force_instead(estimate: GravityEstimate, samples: Sequence[SensorSamples], gravity: float) -> bool:
@@ -149,33 +149,34 @@ def _constant_force_instead(estimate: GravityEstimate, samples: Sequence[SensorS
     turned = _weight(samples, estimate.direction, gravity)
     if any(recorded.rotation is None for recorded in samples):
         return _torque_of_two_directions(samples, np.array(estimate.direction), turned.mounting)
-    pulled = _weight_and_pull(samples, turned, estimate.direction, gravity)
-    return pulled.rms**2 < LEAST_REMOVED * turned.rms**2 and pulled.is_nearer_than(turned)
-
-
-def _weight_and_pull(
-    samples: Sequence[SensorSamples], turned: WeightFit, direction: Direction, gravity: float
-) -> WeightFit:
-    """The fit with gravity of any size beside its direction: that of an upright base, with a constant force.
-
-    Its squares are larger by what the size costs by the Bayesian information criterion.
-    """
-    axes = len(direction)
-    zero = (0.0,) * axes
-    rows = [recorded.without_rotation(zero, gravity) for recorded in samples]
-    accelerated, force = (np.concatenate(each) for each in zip(*rows, strict=True))
+    axes = len(estimate.direction)
+    rows = [recorded.without_rotation((0.0,) * axes, gravity) for recorded in samples]
+    moved, force = (np.concatenate(each) for each in zip(*rows, strict=True))
     along = [
-        np.concatenate([recorded.without_rotation(tuple(unit), gravity)[0] for recorded in samples]) - accelerated
+        np.concatenate([recorded.without_rotation(tuple(unit), gravity)[0] for recorded in samples]) - moved
         for unit in np.eye(axes)
     ]
-    columns = np.column_stack([accelerated.ravel(), *(column.ravel() for column in along)])
-    fit = turned
+    return _pull_instead(moved, along, force, turned, mounting=np.eye(2) if axes == 2 else None)
+
+
+def _pull_instead(
+    moved: Array, along: Sequence[Array], force: Array, turned: WeightFit, *, mounting: Array | None = None
+) -> bool:
+    """Whether a force that is constant in base axes explains the forces of a run better than gravity `turned`.
+
+    It makes another size of gravity, beside its direction: `moved` (n, k) is the acceleration in sensor axes, `along`
+    each base axis the weight per mass (n, k). Its squares are taken larger by what the size costs by the Bayesian
+    information criterion.
+    """
+    columns, fit = np.column_stack([moved.ravel(), *(column.ravel() for column in along)]), turned
     for _ in range(ROUNDS):
         mass, *pull = np.linalg.lstsq(columns, (force @ fit.mounting).ravel())[0]
         if mass <= 0:
-            return turned
-        fit = _weight(samples, tuple(float(component) / float(mass) for component in pull), gravity)
-    return replace(fit, squares=fit.squares * force.size ** (1 / force.size))
+            return False
+        pulled = sum((share / mass * column for share, column in zip(pull, along, strict=True)), start=moved)
+        fit = weight_fit(pulled, force, mounting=mounting)
+    fit = replace(fit, squares=fit.squares * force.size ** (1 / force.size))
+    return fit.rms**2 < LEAST_REMOVED * turned.rms**2 and fit.is_nearer_than(turned)
 
 
 def _torque_of_two_directions(samples: Sequence[SensorSamples], direction: Array, mounting: Array) -> bool:

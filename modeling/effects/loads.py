@@ -401,7 +401,7 @@ class BaseForce(PointEffect):
             Parameter(
                 name=f"force_{axis}",
                 unit="N",
-                meaning=f"its component along the world's {axis} axis",
+                meaning=f"component of the force along the world's {axis} axis",
                 bounds=(0.0, 0.0) if self.horizontal and axis == space.axes[-1] else (-inf, inf),
             )
             for axis in space.axes

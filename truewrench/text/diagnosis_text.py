@@ -145,13 +145,26 @@ def given_sentences(diagnosis: Diagnosis) -> list[str]:
 
 
 def fixed_point_sentence(finding: Finding) -> str:
-    """That the point of an added effect is on the tip axis, as none beside it is significantly better; else empty."""
+    """Which parameters of an added effect are fixed, and why; empty where none is.
+
+    The point is on the tip axis, as none beside it is significantly better; at rest a vertical force is weight.
+    """
     fixed = [name for name, estimate in finding.parameters.items() if estimate.std == 0]
     if finding.verdict is not EffectVerdict.SUPPORTED or not fixed:
         return ""
-    return (
-        f"{' and '.join(fixed)} of {finding.effect.id} are fixed at 0: a point beside the tip axis is not significant."
-    )
+    weight = [name for name in fixed if name.startswith("force")]
+    beside = [name for name in fixed if name not in weight]
+    sentences = []
+    if beside:
+        names = f"{', '.join(beside[:-1])} and {beside[-1]}"
+        what = "a point beside the tip axis" + (", or a torque of its own," if len(beside) > 2 else "")
+        sentences = [f"{names} of {finding.effect.id} are fixed at 0: {what} is not significant."]
+    if weight:
+        sentences += [
+            f"{weight[0]} of {finding.effect.id} is fixed at 0: poses at rest do not tell a vertical force from weight;"
+            " mass and centre of mass are those of both together, and one motion tells them apart."
+        ]
+    return " ".join(sentences)
 
 
 def noise_notes(diagnosis: Diagnosis) -> list[str]:
