@@ -41,7 +41,15 @@ from tests.shared.places import URDF
 from tests.shared.recordings import recording_of
 from truewrench.files.case_files import frame_sentences, rigid_tool_case
 from truewrench.files.model_file import ModelFile
-from truewrench.simulated_rig import HIDDEN_EFFECTS, CableSpring, PlanarRig, SpatialRig, simulate, static_poses
+from truewrench.simulated_rig import (
+    HIDDEN_EFFECTS,
+    BaseForce,
+    CableSpring,
+    PlanarRig,
+    SpatialRig,
+    simulate,
+    static_poses,
+)
 from truewrench.simulated_rig.mujoco_scene import Scene
 from truewrench.text.diagnosis_text import diagnosis_text
 
@@ -227,6 +235,37 @@ def test_a_cable_on_a_level_base_is_not_taken_for_gravity(
     assert [effect.id for effect in fitted.model.effects] == ["cable_spring"]
     assert within(fitted, "m", tool.mass)
     assert within(fitted, "cable_spring.k", k)
+
+
+ZERO = BaseForce(force=(3.0, -2.0, 6.0), torque=(0.3, -0.4, 0.1), d=0.0)
+"""Taken in base axes, with half of the tool's weight in it: its forces are those of a base that is 30 degrees off."""
+
+
+@pytest.mark.parametrize("at_rest", [True, False], ids=["poses", "run"])
+def test_a_zero_taken_in_base_axes_is_not_taken_for_gravity(at_rest: bool) -> None:
+    """At rest the torques tell it, which are not those of one pull; in a run gravity would have another size."""
+    tool = MountedTool()
+    if at_rest:
+        recording = recording_of(static_poses(tool, 24, hidden=[ZERO], seed=3))
+    else:
+        recording = recording_of(
+            simulate(tool, tool.random_motion(seed=1), hidden=[ZERO], repeats=1, samples_per_period=300, seed=1)
+        )
+    case = Case.of(spatial(), [recording])
+    assert case.gravity is None
+    assert "a force that is constant in base axes explains the readings better" in frame_sentences(case)[0]
+    found = diagnose(spatial(), recording)
+    assert found.added == ("base_force",)
+    names = [f"torque_{axis}" for axis in "xyz"] + ["force_x", "force_y"] + ([] if at_rest else ["force_z"])
+    truth = dict(zip([f"torque_{axis}" for axis in "xyz"], ZERO.torque, strict=True))
+    truth |= dict(zip([f"force_{axis}" for axis in "xyz"], ZERO.force, strict=True))
+    assert all(within(found.fit, f"base_force.{name}", truth[name]) for name in names)
+    assert all(within(found.fit, n, v) for n, v in zip(("mx", "my", "mz"), tool.first_moment, strict=True))
+    weighed = tool.mass - ZERO.force[2] / tool.gravity if at_rest else tool.mass
+    assert within(found.fit, "m", weighed)
+    said = diagnosis_text(found)
+    assert ("poses at rest do not tell a vertical force from weight" in said) is at_rest
+    assert "torque of its own" not in said
 
 
 def test_reading_names_the_cable_beside_the_direction() -> None:
