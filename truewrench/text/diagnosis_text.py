@@ -157,8 +157,8 @@ def fixed_point_sentence(finding: Finding) -> str:
     sentences = []
     if beside:
         names = f"{', '.join(beside[:-1])} and {beside[-1]}"
-        what = "a point beside the tip axis" + (", or a torque of its own," if len(beside) > 2 else "")
-        sentences = [f"{names} of {finding.effect.id} are fixed at 0: {what} is not significant."]
+        insignificant = "a point beside the tip axis" + (", or a torque of its own," if len(beside) > 2 else "")
+        sentences = [f"{names} of {finding.effect.id} are fixed at 0: {insignificant} is not significant."]
     if weight:
         sentences += [
             f"{weight[0]} of {finding.effect.id} is fixed at 0: poses at rest do not tell a vertical force from weight;"
