@@ -307,6 +307,19 @@ def test_demo_tells_what_was_hidden_and_what_was_named(
     assert json.loads((tmp_path / "demo" / "result.json").read_text())["verdict"] == "explained"
 
 
+@pytest.mark.long
+def test_demo_of_what_does_not_show_in_the_plane_has_six_axes(
+    run: Runner, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(demonstration, "SAMPLES", 200)
+    monkeypatch.setattr(demonstration, "TRAINING", replace(demonstration.TRAINING, repeats=4))
+    outcome = run("demo", "--effect", "spinning_rotor", "--out", tmp_path / "demo")
+    assert (outcome.code, outcome.err) == (0, "")
+    assert "Simulated six-axis carriage with hidden effect: spinning_rotor" in outcome.out
+    assert "Hidden: spinning_rotor. Identified: spinning_rotor. Correct." in outcome.out
+    assert not (tmp_path / "demo" / "contact.csv").exists()
+
+
 def test_demo_without_mujoco_says_how_to_get_it(run: Runner, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(demonstration, "find_spec", lambda name: None)
     refused(run("demo", "--out", tmp_path / "demo"), 'pip install "truewrench[simulation]"')
