@@ -379,8 +379,8 @@ class BaseForce(PointEffect):
         "axes, not while its readings are shown in base axes"
     )
     confused_with = (
-        "gravity_tilt, of its horizontal part; the tool's mass, of its vertical part in slow motion; cable_spring with "
-        "a distant anchor"
+        "gravity_tilt, of its horizontal part; the tool's mass, of its vertical part in slow motion; a payload that a "
+        "controller subtracts, of an upward force; cable_spring with a distant anchor"
     )
     shows = "A force of constant size that turns in the sensor as gravity does, but does not grow with acceleration."
     provoked_by = "Static poses in many orientations, and one fast motion, which tells the force from a weight."
