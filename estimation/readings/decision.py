@@ -190,6 +190,7 @@ class ShownReading:
             mass = self.ranked.subtracted_mass
             meaning = (
                 f"the weight of {mass:.4g} kg was subtracted from the readings, as of a payload that a controller has"
+                " (a constant force upwards on the tool, base_force, reads the same)"
             )
             return motion.mistake, mass, meaning, f"--read {motion.mistake}"
         if motion.shift is not None:

@@ -9,15 +9,18 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from math import pi
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from estimation.recordings.motion import QUATERNION, MotionForm, numbered_names
 from estimation.recordings.recording import Recording
 from modeling.kinematics.placement import Direction, base_angle, base_placement
 from modeling.rig import Rig
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 Array = NDArray[np.float64]
 
@@ -84,9 +87,8 @@ class MotionReading:
         signals = {name: series[every] for name, series in recording.signals.items()}
         direction = None if recording.rig is None else recording.rig.gravity_direction
         if self.orientation is not None:
-            base = (
-                Rotation.identity() if direction is None else Rotation.from_quat(base_placement(direction).quaternion)
-            )
+            quaternion = (0.0, 0.0, 0.0, 1.0) if direction is None else base_placement(direction).quaternion
+            base = _rotations().from_quat(quaternion)
             signals |= _reoriented(signals, self.orientation, base)
         if self.shift is not None:
             signals |= _shifted(signals, self.shift)
@@ -99,14 +101,14 @@ class MotionReading:
         """The recording with the motion as it was meant; its readings stay."""
         columns = dict(recording.columns)
         if self.orientation is not None:
-            logged = Rotation.from_quat(np.stack([columns[name] for name in QUATERNION], axis=1))
+            logged = _rotations().from_quat(np.stack([columns[name] for name in QUATERNION], axis=1))
             columns |= dict(zip(QUATERNION, self.orientation(logged).as_quat().T, strict=True))
             # Rates that were logged are along the axes of the orientation as it was read.
             for names in ROTATIONS[3].values():
                 columns = {name: column for name, column in columns.items() if name not in names}
         if self.shift is not None:
             position, *derived = TRANSLATIONS[3].values()
-            to_sensor = Rotation.from_quat(np.stack([recording.signals[name] for name in QUATERNION], axis=1))
+            to_sensor = _rotations().from_quat(np.stack([recording.signals[name] for name in QUATERNION], axis=1))
             moved = {
                 name: columns[name] + along for name, along in zip(position, to_sensor.apply(self.shift).T, strict=True)
             }
@@ -137,7 +139,7 @@ def _reoriented(
 
     `base` is the rotation from base axes to the world.
     """
-    read = base.inv() * Rotation.from_quat(np.stack([signals[name] for name in QUATERNION], axis=1))
+    read = base.inv() * _rotations().from_quat(np.stack([signals[name] for name in QUATERNION], axis=1))
     now, later, before = (meant(read * turn) for turn in _turns(signals))
     forward, backward = ((now.inv() * other).as_rotvec() for other in (later, before))
     rates = ((forward - backward) / (2 * STEP), (forward + backward) / STEP**2)
@@ -152,15 +154,22 @@ def at_rest(signals: Mapping[str, Array], dimension: int) -> dict[str, Array]:
     return {name: np.zeros_like(series) if name in moving else series for name, series in signals.items()}
 
 
+def _rotations() -> type[Rotation]:
+    """SciPy's rotations, which take a tenth of a second to import: only a recording that does not fit needs them."""
+    from scipy.spatial.transform import Rotation
+
+    return Rotation
+
+
 def _turns(signals: Mapping[str, Array]) -> list[Rotation]:
     """Rotations from the orientation of each sample to itself, to `STEP` later and to as much earlier."""
     omega, alpha = (np.stack([signals[name] for name in names], axis=1) for names in ROTATIONS[3].values())
-    return [Rotation.from_rotvec(h * omega + h**2 / 2 * alpha) for h in (0.0, STEP, -STEP)]
+    return [_rotations().from_rotvec(h * omega + h**2 / 2 * alpha) for h in (0.0, STEP, -STEP)]
 
 
 def _shifted(signals: Mapping[str, Array], shift: Array) -> dict[str, Array]:
     """Translation (n,) of each component of a point at `shift` (3,) m from the one of the signals, in sensor axes."""
-    read = Rotation.from_quat(np.stack([signals[name] for name in QUATERNION], axis=1))
+    read = _rotations().from_quat(np.stack([signals[name] for name in QUATERNION], axis=1))
     now, later, before = ((read * turn).apply(shift) for turn in _turns(signals))
     moved = (now, (later - before) / (2 * STEP), (later - 2 * now + before) / STEP**2)
     series = zip(TRANSLATIONS[3].values(), moved, strict=True)
@@ -175,7 +184,7 @@ def _inverse(rotation: Rotation) -> Rotation:
 
 
 def _rolled(by: int) -> Callable[[Rotation], Rotation]:
-    return lambda rotation: Rotation.from_quat(np.roll(rotation.as_quat(), by, axis=-1))
+    return lambda rotation: _rotations().from_quat(np.roll(rotation.as_quat(), by, axis=-1))
 
 
 def _about_fixed_axes(rotation: Rotation) -> Array:
@@ -187,11 +196,11 @@ def _about_fixed_axes(rotation: Rotation) -> Array:
 
 def _fixed_read_as_moving(rotation: Rotation) -> Rotation:
     """The inverse of a rotation by moving axes is one by fixed axes with the negative angles."""
-    return Rotation.from_euler("xyz", -_about_fixed_axes(rotation.inv()))
+    return _rotations().from_euler("xyz", -_about_fixed_axes(rotation.inv()))
 
 
 def _moving_read_as_fixed(rotation: Rotation) -> Rotation:
-    return Rotation.from_euler("XYZ", _about_fixed_axes(rotation))
+    return _rotations().from_euler("XYZ", _about_fixed_axes(rotation))
 
 
 AS_LOGGED = MotionReading()
