@@ -20,24 +20,40 @@ from modeling.rig import SPATIAL_CHANNELS
 LENGTH = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "in": 0.0254, "ft": 0.3048}
 ANGLE = {"rad": 1.0, "deg": pi / 180, "°": pi / 180, "mrad": 1e-3}
 TIME = {"s": 1.0, "sec": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
-FORCE = {"N": 1.0, "mN": 1e-3, "kN": 1e3, "kgf": 9.80665, "lbf": 4.4482216152605}
+KILOPOND = 9.80665
+FORCE = {"N": 1.0, "mN": 1e-3, "kN": 1e3, "kgf": KILOPOND, "gf": 1e-3 * KILOPOND, "lbf": 4.4482216152605}
+FORCE |= {"ozf": FORCE["lbf"] / 16}
 TORQUE = {
     f"{force} {length}": FORCE[force] * LENGTH[length]
     for force, length in (
-        ("N", "m"), ("N", "mm"), ("N", "cm"), ("mN", "m"), ("kN", "m"), ("kgf", "m"), ("kgf", "cm"), ("lbf", "in"),
-        ("lbf", "ft"),
+        ("N", "m"), ("N", "mm"), ("N", "cm"), ("mN", "m"), ("kN", "m"), ("kgf", "m"), ("kgf", "cm"), ("kgf", "mm"),
+        ("gf", "cm"), ("lbf", "in"), ("lbf", "ft"), ("ozf", "in"),
     )
 }  # fmt: skip
 UNITS: Mapping[str, Mapping[str, float]] = {
     "time": TIME, "position": LENGTH, "angle": ANGLE, "force": FORCE, "torque": TORQUE,
+    "acceleration": {"m/s²": 1.0, "g": KILOPOND, "mg": 1e-3 * KILOPOND},
+    "rate": {"rad/s": 1.0, "deg/s": pi / 180},
 }  # fmt: skip
-"""Factors to s, m, rad, N, N m by the unit, as it is called in a message."""
-POUND = re.compile(r"\blbf\b")
+"""Factors to s, m, rad, N, N m, m/s², rad/s by the unit, as it is called in a message."""
+OTHER_SPELLINGS: Mapping[str, tuple[str, ...]] = {
+    "s": ("secs", "second", "seconds"), "ms": ("msec", "msecs", "millis", "milliseconds"), "us": ("usec", "usecs"),
+    "ns": ("nsec", "nsecs", "nanoseconds"), "deg": ("degs", "degree", "degrees"), "rad": ("rads", "radian", "radians"),
+    "m": ("metre", "metres", "meter", "meters"), "mm": ("millimetres", "millimeters"), "in": ("inch", "inches"),
+    "ft": ("foot", "feet"), "N": ("newton", "newtons"), "m/s²": ("m/s^2", "m/s2", "m/s/s", "ms2", "mps2"),
+    "rad/s": ("rads", "rad/sec", "radps"), "deg/s": ("degs", "°/s", "deg/sec", "dps"),
+}  # fmt: skip
+"""Further ones of a unit, within its kind."""
+FORCE_NAMES: Mapping[str, tuple[str, ...]] = {
+    "lbf": ("lbf", "lb", "lbs", "pound"), "ozf": ("ozf", "oz"), "kgf": ("kgf", "kg", "kp"), "gf": ("gf", "g")
+}  # fmt: skip
+"""How forces are called that are weights: mostly as masses."""
 
-IN_BRACKETS = re.compile(r"^(?P<name>.*?)[\s_]*[\[(]\s*(?P<unit>[^\])\d]+)\s*[\])]$")
-AT_END = re.compile(
-    r"^(?P<name>.*[a-z0-9\])])_(?P<unit>s|sec|ms|us|ns|n|nm|nmm|m|mm|cm|rad|deg|kgf|lbf|lbf_?(?:in|ft))$", re.IGNORECASE
-)
+BRACKETED = re.compile(r"(?P<name>.+?)[\s_]*(?:\[(?P<a>[^\]]+)\]|\((?P<b>[^)]+)\)|\{(?P<c>[^}]+)\}|<(?P<d>[^>]+)>)\s*")
+SET_APART = re.compile(r"(?P<name>[^/,]*[^/,\s])\s*[/,]\s*(?P<unit>[^/,]+(?:/s.*)?)")
+"""A unit in brackets, and one after a stroke or a comma; the path of a topic has more strokes."""
+UNSAFE_AT_END = {"g", "in", "ft", "foot", "second"}
+"""Units that a name ends in by chance, as `wrench_ft` and `fx_second` do, and that are read in brackets alone."""
 
 
 def plain_unit(text: str) -> str:
@@ -47,25 +63,39 @@ def plain_unit(text: str) -> str:
 
 def _spellings(unit: str) -> set[str]:
     """How a unit is written: of pounds and kiloponds with the arm first, too; a metre-newton would be the mN."""
-    orders = {unit, " ".join(reversed(unit.split()))} if "f" in unit.split()[0] else {unit}
-    return {plain_unit(text) for order in orders for text in (order, POUND.sub("lb", order), POUND.sub("lbs", order))}
+    force, *arm = unit.split()
+    called = FORCE_NAMES.get(force, (force,))
+    orders = [[name, *arm] for name in called] + [[*arm, name] for name in called if force in FORCE_NAMES]
+    return {plain_unit(" ".join(order)) for order in orders} | set(OTHER_SPELLINGS.get(unit, ()))
 
 
 KINDS: Mapping[str, Mapping[str, float]] = {
     kind: {spelling: factor for unit, factor in units.items() for spelling in _spellings(unit)}
     for kind, units in UNITS.items()
 }
-"""Factors to s, m, rad, N, N m by the unit as `plain_unit` has it, in any of its spellings."""
+"""Factors to SI by the unit as `plain_unit` has it, in any of its spellings."""
+PARTED = {unit for kind in ("torque", "acceleration", "rate") for unit in KINDS[kind]}
+"""Units that may be written as several words: `lbf_in`, `rad_s`."""
+KNOWN = {unit for kind in KINDS.values() for unit in kind}
 
 
 def name_and_unit(name: str) -> tuple[str, str | None]:
     """A column's name without its unit, and the unit where the name ends in one that is known: `Fx (N)`, `time_ms`."""
-    units = {unit for kind in KINDS.values() for unit in kind}
-    for pattern in (IN_BRACKETS, AT_END):
-        match = pattern.match(name.strip())
-        if match and plain_unit(match["unit"]) in units:
-            return match["name"].strip(), plain_unit(match["unit"])
-    return name.strip(), None
+    name = name.strip()
+    if match := BRACKETED.fullmatch(name):
+        unit = plain_unit(next(filter(None, match.group("a", "b", "c", "d"))))
+        if unit in KNOWN:
+            return match["name"], unit
+    if (match := SET_APART.fullmatch(name)) and plain_unit(match["unit"]) in KNOWN:
+        return match["name"], plain_unit(match["unit"])
+    words = re.split(r"([_\s]+)", name)
+    for count in (3, 2, 1):  # words of the unit: the longest that is one
+        start = len(words) - 2 * count + 1
+        unit, rest = plain_unit("".join(words[start:])), "".join(words[: start - 1])
+        is_unit = unit in (KNOWN - UNSAFE_AT_END if count == 1 else PARTED)
+        if start > 0 and is_unit and re.search(r"[a-z0-9\])]$", rest, re.IGNORECASE):
+            return rest, unit
+    return name, None
 
 
 VECTORS: Mapping[str, tuple[str, ...]] = {

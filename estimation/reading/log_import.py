@@ -12,7 +12,7 @@ from estimation.reading.column_map import ColumnMap
 from estimation.reading.column_pattern import PRESETS
 from estimation.reading.column_recognition import ColumnMapping, column_mapping
 from estimation.reading.frame_check import FrameCheck, require_plausible_speed
-from estimation.reading.log_reader import Array
+from estimation.reading.log_reader import Array, LogTable
 from estimation.reading.log_sources import joined_tables, note_unused, read_sources, require_one_recording
 from estimation.reading.log_streams import Groups, LogStreams
 from estimation.reading.motion_streams import SiColumns, in_sensor_axes
@@ -73,9 +73,9 @@ class ImportedRecording:
 
 
 def import_recording(
-    sources: Sequence[str | Path], options: ReadingOptions | None = None, *, rig: Rig | None = None
+    sources: Sequence[str | Path | LogTable], options: ReadingOptions | None = None, *, rig: Rig | None = None
 ) -> ImportedRecording:
-    """One recording of these sources. `rig` gives [columns], and the arm that joint angles need for a clock offset.
+    """One recording of these sources, files or tables in memory. `rig` gives [columns], and the arm that joint angles need for a clock offset.
 
     Raises InputError, in one line, for whatever cannot be read, or could be read in two ways.
     """
@@ -84,13 +84,13 @@ def import_recording(
         what = f"there is no preset {quoted(options.preset)}"
         raise InputError(what=what, where="--preset", remedy=f"use one of {', '.join(PRESETS)}")
     try:
-        return _imported([Path(source) for source in sources], options, rig)
+        return _imported([s if isinstance(s, LogTable) else Path(s) for s in sources], options, rig)
     except MemoryError:
         what = "larger than the memory that is free"
-        raise InputError(what=what, where=str(sources[0]), remedy="cut the log into parts") from None
+        raise InputError(what=what, where=str(getattr(sources[0], "name", sources[0])), remedy="cut the log into parts") from None
 
 
-def _imported(paths: Sequence[Path], options: ReadingOptions, rig: Rig | None) -> ImportedRecording:
+def _imported(paths: Sequence[Path | LogTable], options: ReadingOptions, rig: Rig | None) -> ImportedRecording:
     """One import, from the sources to the recording: every step of it."""
     log, stated = StepLog(strict=options.strict), _column_map(options, rig)
     sources = read_sources(paths, log)

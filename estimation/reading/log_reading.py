@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from estimation.reading.log_reader import LogTable
 from estimation.reading.recording_check import checked
 from estimation.reading.repeat_cutting import cut_into_repeats
 from estimation.reading.sample_mending import differ_slightly, repeat_lengths
@@ -20,6 +21,7 @@ from estimation.recordings.column_table import (
     table_from_file,
     table_from_frame,
 )
+from estimation.recordings.differentiation import held_rows
 from estimation.recordings.motion import QUATERNION
 from estimation.recordings.reading import read as read_recording
 from estimation.recordings.reading import recording_from_table
@@ -106,7 +108,7 @@ def read(
 
 
 def imported(
-    *sources: str | Path,
+    *sources: str | Path | LogTable,
     rig: Rig | None = None,
     preset: str | None = None,
     map: str | Path | ColumnMap | None = None,  # the option's name on the command line
@@ -117,6 +119,7 @@ def imported(
 ) -> ImportedRecording:
     """Logs as a table of FORMATS with its reading report, whatever their columns are called; arguments as of `read`.
 
+    A source may be a table in memory.
     With `one_run`, no period is looked for, and a column that counts repeats is left out.
     """
     from estimation.reading.column_map import ColumnMap
@@ -186,7 +189,11 @@ def recording_with_repeats(
     one_run: bool = False,
     clock_offset: float | None = None,
 ) -> Recording:
-    """The recording in a table of FORMATS' columns, cut into repeats as `read` says."""
+    """The recording in a table of FORMATS' columns, cut into repeats as `read` says; rows polled twice are taken once."""
+    if is_polled(table):
+        log = LogTable(name=name, kind="recording", columns=table.columns)
+        read_as_log = imported(log, rig=rig, period=period, strict=strict, one_run=one_run, clock_offset=clock_offset)
+        return read_as_log.recording(rig)
     bare = replace(table, columns={key: column for key, column in table.columns.items() if key != "repeat"})
     if one_run or period is not None:
         table = bare
@@ -198,6 +205,24 @@ def recording_with_repeats(
     if one_run or recording.repeats > 1 or recording.dt is None:
         return checked(recording)
     return checked(_with_its_repeats(recording, table, period, StepLog(strict=strict)))
+
+
+EVEN_HOLDS = 0.45
+"""Std over mean of the rows for which a value is held, below which a slower clock is behind them: one that is no whole
+number of rows gives 0.33 at most, values that are equal by the chance of a coarse resolution 0.7 and more."""
+
+
+def is_polled(table: ColumnTable) -> bool:
+    """Whether the rows were polled faster than the wrench has new values, or some were written twice."""
+    channels = [name for name in SPATIAL_CHANNELS + PLANAR_CHANNELS[2:] if name in table.columns]
+    if "time" not in table.columns or len(channels) < len(PLANAR_CHANNELS):
+        return False
+    again = np.flatnonzero(np.diff(table.columns["time"]) == 0)
+    if again.size and all((column[again] == column[again + 1]).all() for column in table.columns.values()):
+        return True
+    changed, held = held_rows((table.columns[name] for name in channels), len(table))
+    holds = np.diff(np.flatnonzero(changed))
+    return held > 1 and float(holds.std()) < EVEN_HOLDS * float(holds.mean())
 
 
 def _has_unequal_repeats(table: ColumnTable) -> bool:

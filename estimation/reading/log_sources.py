@@ -41,8 +41,8 @@ class Source:
         return {table.name for table in self.tables}
 
 
-def read_sources(paths: Sequence[Path], log: StepLog) -> list[Source]:
-    """Each source with its tables, of which no two have one name; what their readers had to do is logged."""
+def read_sources(sources: Sequence[Path | LogTable], log: StepLog) -> list[Source]:
+    """Each source, a file or a table in memory, with its tables, no two of one name; what readers had to do is logged."""
     counts: Counter[str] = Counter()
 
     def named(table: LogTable) -> LogTable:
@@ -52,7 +52,11 @@ def read_sources(paths: Sequence[Path], log: StepLog) -> list[Source]:
         _log_notes(table, log)
         return table
 
-    return [Source(str(path), tuple(named(table) for table in tables_of(SourceFile(path)))) for path in paths]
+    def tables(source: Path | LogTable) -> Sequence[LogTable]:
+        return [source] if isinstance(source, LogTable) else tables_of(SourceFile(source))
+
+    names = [source.name if isinstance(source, LogTable) else str(source) for source in sources]
+    return [Source(name, tuple(map(named, tables(one)))) for name, one in zip(names, sources, strict=True)]
 
 
 def _log_notes(table: LogTable, log: StepLog) -> None:

@@ -121,7 +121,9 @@ def in_si(unit: str) -> float:
     known = {
         "N": 1.0,
         "kgf": constants.kilogram_force,
+        "gf": constants.kilogram_force * constants.milli,
         "lbf": constants.pound_force,
+        "ozf": constants.pound_force / 16,
         "sec": 1.0,
         "deg": constants.degree,
     }
