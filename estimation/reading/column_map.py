@@ -103,6 +103,7 @@ VECTORS: Mapping[str, tuple[str, ...]] = {
     "planar_wrench": ("fx", "fy", "tau"),
     "quaternion": ("qx", "qy", "qz", "qw"),
     "position": ("px", "py", "pz"),
+    "angular_velocity": ("wx", "wy", "wz"),
 }
 """Columns by name that together are one vector; a map may give them one by one, or as one list."""
 OPTIONS = ("orientation", "orientation_columns", "orientation_of", "joints", "units", "wrench_axes", "rate", "offset")

@@ -19,6 +19,8 @@ class Quantity(Enum):
     ORIENTATION = "orientation"
     POSITION = "position"
     JOINTS = "joint angles"
+    VERTICAL = "direction of gravity"
+    RATE = "angular velocity"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -98,6 +100,23 @@ PATTERNS: tuple[ColumnPattern, ...] = (
         parts=XYZ,
     ),
     _numbered(Quantity.POSITION, r".*(?:position|pos|translation)[^\d]*", 3),
+    ColumnPattern(
+        quantity=Quantity.VERTICAL,
+        regex=rf"(?P<stem>(?:.*[^a-z])?)(?:linear_?acceleration|acceleration|accelerometer|acc(?:el)?|a){_SEP}(?P<part>[xyz])",
+        parts=XYZ,
+        form="accelerometer",
+    ),
+    ColumnPattern(
+        quantity=Quantity.VERTICAL,
+        regex=rf"(?P<stem>(?:.*[^a-z])?)(?:gravity|grav|g){_SEP}(?P<part>[xyz])",
+        parts=XYZ,
+        form="gravity",
+    ),
+    ColumnPattern(
+        quantity=Quantity.RATE,
+        regex=rf"(?P<stem>(?:.*[^a-z])?)(?:angular_?velocity|angular_?rate|gyro(?:scope)?|omega|w){_SEP}(?P<part>[xyz])",
+        parts=XYZ,
+    ),
     ColumnPattern(quantity=Quantity.JOINTS, regex=r"(?P<stem>joint):(?P<part>.+)"),
     ColumnPattern(
         quantity=Quantity.JOINTS,

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from estimation.reading.column_map import ColumnMap, name_and_unit
 from estimation.reading.column_pattern import PATTERNS, ColumnPattern, Quantity
+from estimation.reading.gravity_vector import RATES, has_steady_length
 from estimation.reading.log_reader import NO_WRENCH, ROS_TOPIC, TF_CHAIN, Array, LogTable
-from estimation.reading.orientation_form import OrientationForm
+from estimation.reading.orientation_form import UPWARD, OrientationForm
 from modeling.errors import InputError, cut, quoted
 from modeling.rig import PLANAR_CHANNELS, SPATIAL_CHANNELS
 
@@ -125,17 +126,28 @@ class ColumnGroup:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ColumnMapping:
-    """What is read of all tables: wrench; motion as an orientation, with or without a position, or as joints."""
+    """What is read of all tables: wrench; motion as an orientation, with or without a position, or as joints.
+
+    With gravity or an accelerometer for an orientation, the angular velocity of a gyroscope, where there is one.
+    """
 
     wrench: ColumnGroup
     orientation: ColumnGroup | None
     position: ColumnGroup | None
     joints: tuple[ColumnGroup, ...]
+    rate: ColumnGroup | None = None
 
     @property
     def groups(self) -> tuple[ColumnGroup, ...]:
         """All groups, the wrench first."""
-        return tuple(g for g in (self.wrench, self.orientation, self.position, *self.joints) if g is not None)
+        groups = (self.wrench, self.orientation, self.position, *self.joints, self.rate)
+        return tuple(group for group in groups if group is not None)
+
+    @property
+    def is_level(self) -> bool:
+        """Whether the turn about the vertical is unknown: of gravity or an accelerometer for an orientation."""
+        form = None if self.orientation is None else self.orientation.form
+        return form is not None and form.name in UPWARD
 
 
 def column_mapping(tables: Sequence[LogTable], stated: ColumnMap, joint_names: Sequence[str] | None) -> ColumnMapping:
@@ -162,9 +174,16 @@ def column_mapping(tables: Sequence[LogTable], stated: ColumnMap, joint_names: S
             return ColumnMapping(wrench=wrench, orientation=None, position=None, joints=joints)
     else:
         orientation = groups.orientation()
+    if orientation is None and len(wrench.columns) == len(SPATIAL_CHANNELS):
+        orientation, rate = groups.vertical()
+        if orientation is not None:
+            return ColumnMapping(wrench=wrench, orientation=orientation, position=None, joints=(), rate=rate)
     if orientation is None:
         what = "no motion is recognised: neither an orientation nor joint angles"
         raise groups.error(what, (Quantity.POSE, Quantity.ORIENTATION))
+    if orientation.form is not None and orientation.form.name in UPWARD:
+        rate = groups.rate(orientation)
+        return ColumnMapping(wrench=wrench, orientation=orientation, position=None, joints=(), rate=rate)
     return ColumnMapping(wrench=wrench, orientation=orientation, position=groups.position(orientation), joints=())
 
 
@@ -296,6 +315,27 @@ class _Groups:
         if chosen is not None and self.stated.form is not None and len(chosen.columns) in self.stated.form.columns:
             chosen = ColumnGroup(**{**vars(chosen), "form": self.stated.form})
         return chosen
+
+    def vertical(self) -> tuple[ColumnGroup | None, ColumnGroup | None]:
+        """Gravity or an accelerometer, where there is no pose, and the gyroscope beside it.
+
+        Columns gx, gy, gz are gravity where they have its length, else a gyroscope beside an accelerometer.
+        """
+        found = [group for group in self.candidates(Quantity.VERTICAL) if _has_samples(group)]
+        gravity = [g for g in found if g.form == OrientationForm("gravity") and has_steady_length(g.values())]
+        accelerometers = [g for g in found if g.form == OrientationForm("accelerometer")]
+        chosen = self.only(gravity) or self.only(accelerometers)
+        return chosen, None if chosen is None else self.rate(chosen)
+
+    def rate(self, vertical: ColumnGroup) -> ColumnGroup | None:
+        """The gyroscope beside an accelerometer, or beside gravity; None without one."""
+        stated = self.stated_vector(Quantity.RATE, RATES)
+        if stated is not None:
+            return stated
+        named_g = [g for g in self.candidates(Quantity.VERTICAL) if g.form == OrientationForm("gravity")]
+        rates = [*self.candidates(Quantity.RATE), *(g for g in named_g if not has_steady_length(g.values()))]
+        rates = [replace(g, quantity=Quantity.RATE, targets=RATES, form=None) for g in rates if g.table is vertical.table]
+        return self.only([group for group in rates if _is_alive(group) and group.columns != vertical.columns])
 
     def position(self, orientation: ColumnGroup) -> ColumnGroup | None:
         """The position that belongs to the orientation: of the map, else of the same pose; None without one."""

@@ -253,12 +253,12 @@ def _names(before: Sequence[str], dialect: Dialect, width: int) -> tuple[list[st
 def _header_cells(line: str, dialect: Dialect, width: int) -> list[str]:
     line = line.lstrip()
     marked = line[:1] in ("#", "%")
-    line = line.lstrip("#%").strip() if marked else line
+    line = re.sub(r"^\[(.*)\]$", r"\1", line.lstrip("#%").strip()) if marked else line
     cells = dialect.cells(line)
     if len(cells) != width and dialect.separator == " ":
         others = [re.split(r"\t+| {2,}", line), [c.strip() for c in line.split(",")]]
         cells = next((other for other in others if len(other) == width), cells)
-    return [cell.strip().strip('"').strip() for cell in cells]
+    return [cell.strip().strip(",").strip('"').strip() for cell in cells]
 
 
 # ---------------------------------------------------------------------------------------------- cells

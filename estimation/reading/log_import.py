@@ -8,10 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from estimation.reading.column_map import ColumnMap
+from estimation.reading.column_map import ColumnMap, name_and_unit
 from estimation.reading.column_pattern import PRESETS
 from estimation.reading.column_recognition import ColumnMapping, column_mapping
 from estimation.reading.frame_check import FrameCheck, require_plausible_speed
+from estimation.reading.gravity_vector import ACCELERATION, RATES, checked_rates
 from estimation.reading.log_reader import Array, LogTable
 from estimation.reading.log_sources import joined_tables, note_unused, read_sources, require_one_recording
 from estimation.reading.log_streams import Groups, LogStreams
@@ -22,6 +23,7 @@ from estimation.reading.sample_mending import STAMP, mended, mended_runs
 from estimation.reading.step_log import StepLog
 from estimation.reading.time_column import TableTimes
 from estimation.recordings.column_table import ColumnTable, signal_unit
+from estimation.recordings.differentiation import spline_derivatives
 from estimation.recordings.motion import QUATERNION
 from estimation.recordings.reading import MIN_POSES, recording_from_table
 from estimation.recordings.reading_report import (
@@ -178,6 +180,7 @@ def _poses(groups: Groups, log: StepLog) -> _Clocked:
         remedy = 'name it in a map: time = "column", or rate = 500 (Hz)'
         raise InputError(what="no time is recognised in the sources", where=table.name, remedy=remedy)
     columns = {name: column for _, members in groups for name, column in members.items()}
+    columns = {name: column for name, column in columns.items() if name not in (*RATES, *ACCELERATION)}  # at rest
     complete = np.asarray(np.isfinite(np.stack(list(columns.values()))).all(axis=0))
     if not complete.all():
         log.mended("rows with empty cells left out", table.name, int((~complete).sum()), len(complete))
@@ -213,7 +216,10 @@ def _checked(
     has_arm = rig is not None and rig.arm is not None
     if mapping.joints and not has_arm and clocked.rate is not None and stated.factor("angle") is None:
         require_plausible_speed(columns, clocked.rate, mapping.joints[0])
-    if {"fz", "qw"} <= set(columns):
+    if mapping.is_level:
+        if clocked.rate is not None:
+            columns = _with_rates(columns, mapping, stated, log)
+    elif {"fz", "qw"} <= set(columns):
         check = FrameCheck(mapping, stated, log, None if rig is None else rig.gravity_direction)
         is_moved = clocked.offset is not None and clocked.offset.applied
         columns = check.checked(columns, clocked.stamps, is_moved=is_moved)
@@ -221,6 +227,25 @@ def _checked(
         note_columns(columns, wrench, rig, log)
     instants = np.arange(1.0, clocked.samples + 1) if clocked.stamps is None else clocked.stamps
     note_suspicious_channels({c: columns[c] for c in mapping.wrench.targets}, instants, wrench, log)
+    return columns
+
+
+def _with_rates(
+    columns: dict[str, Array], mapping: ColumnMapping, stated: ColumnMap, log: StepLog
+) -> dict[str, Array]:
+    """The columns of a motion without a pose, its angular velocity in rad/s; what is not known of it is logged."""
+    assert mapping.orientation is not None  # it is gravity, or an accelerometer
+    where, rate = mapping.orientation.table.name, mapping.rate
+    is_stated = stated.factor("rate") is not None or (rate is not None and name_and_unit(rate.columns[0])[1] is not None)
+    columns, in_degrees = checked_rates(columns, where, stated=is_stated)
+    if "apz" in columns:  # the orientation is smoothed where it is differentiated, an acceleration that is given is not
+        dt = float(columns["time"][1] - columns["time"][0])
+        columns = columns | {"apz": spline_derivatives(columns["apz"][:, None], dt).value[:, 0]}
+    if rate is None:
+        what = "no gyroscope: what turns about the vertical is taken as at rest, as it may be in a slow motion"
+        log.suspicious(what, where)
+    elif in_degrees:
+        log.mended("the angular velocity is in degrees per second, as gravity's direction turns by its reading", where)
     return columns
 
 

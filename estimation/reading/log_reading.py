@@ -119,8 +119,7 @@ def imported(
 ) -> ImportedRecording:
     """Logs as a table of FORMATS with its reading report, whatever their columns are called; arguments as of `read`.
 
-    A source may be a table in memory.
-    With `one_run`, no period is looked for, and a column that counts repeats is left out.
+    A source may be a table in memory. With `one_run`, no period is looked for, and a column that counts repeats is left out.
     """
     from estimation.reading.column_map import ColumnMap
     from estimation.reading.log_import import ReadingOptions, import_recording  # slow to import: for logs alone
@@ -189,8 +188,11 @@ def recording_with_repeats(
     one_run: bool = False,
     clock_offset: float | None = None,
 ) -> Recording:
-    """The recording in a table of FORMATS' columns, cut into repeats as `read` says; rows polled twice are taken once."""
-    if is_polled(table):
+    """The recording in a table of FORMATS' columns, cut into repeats as `read` says.
+
+    Rows that were polled twice are taken once, and gravity or an accelerometer serves for an orientation.
+    """
+    if is_polled(table) or has_vertical_alone(table):
         log = LogTable(name=name, kind="recording", columns=table.columns)
         read_as_log = imported(log, rig=rig, period=period, strict=strict, one_run=one_run, clock_offset=clock_offset)
         return read_as_log.recording(rig)
@@ -223,6 +225,13 @@ def is_polled(table: ColumnTable) -> bool:
     changed, held = held_rows((table.columns[name] for name in channels), len(table))
     holds = np.diff(np.flatnonzero(changed))
     return held > 1 and float(holds.std()) < EVEN_HOLDS * float(holds.mean())
+
+
+def has_vertical_alone(table: ColumnTable) -> bool:
+    """Whether gravity (gx, gy, gz) or an accelerometer (ax, ay, az) is there instead of a pose or joint angles."""
+    names = set(table.columns)
+    is_level = any(names.issuperset(vector) for vector in (("gx", "gy", "gz"), ("ax", "ay", "az")))
+    return is_level and "fz" in names and not names & {"q1", "phi", *QUATERNION}
 
 
 def _has_unequal_repeats(table: ColumnTable) -> bool:

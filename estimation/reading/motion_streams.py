@@ -9,8 +9,9 @@ import numpy as np
 
 from estimation.reading.column_map import KINDS, ColumnMap, name_and_unit
 from estimation.reading.column_recognition import ColumnGroup, ColumnMapping
+from estimation.reading.gravity_vector import extra_acceleration, in_si
 from estimation.reading.log_reader import Array, LogTable
-from estimation.reading.orientation_form import OrientationForm, matrix_form, matrix_positions
+from estimation.reading.orientation_form import UPWARD, OrientationForm, matrix_form, matrix_positions
 from estimation.reading.step_log import StepLog
 from estimation.recordings.motion import QUATERNION
 from estimation.recordings.reading_report import UsedColumns
@@ -60,6 +61,8 @@ class SiColumns:
         """The columns of one group of the motion under their names in a recording."""
         if group is self.mapping.position:
             return self._checked_position(self._scaled(group, ["position"] * 3, "m"), group)
+        if group is self.mapping.rate:
+            return self._scaled(group, ["rate"] * 3, "rad/s, in the sensor's axes")
         if group is not self.mapping.orientation:
             return self._joints(group)
         if group.form == PLANAR_FORM:
@@ -102,15 +105,34 @@ class SiColumns:
         if form.has_angles:
             values = self._radians(values, group)
         columns = {}
+        if form.name in UPWARD:
+            unit = name_and_unit(group.columns[0])[1]
+            stated = self._factor("acceleration", group.columns[0]) if unit else self.stated.factor("acceleration")
+            values = in_si(values, stated, where)
+            columns = extra_acceleration(values) if form.name == "accelerometer" else {}
+            self._note_vertical(form, where)
         if place is not None:
             columns = dict(zip(POSITION, (place * self._factor("position", group.columns[0])).T, strict=True))
-        columns = self._checked_position(columns, group)
+        if place is not None:
+            columns = self._checked_position(columns, group)
         self._note(group, (*QUATERNION, *columns), str(form))
         turned = _without_jumps(form.quaternions(values, where))
         if self.stated.inverse:
             turned = turned * [-1.0, -1.0, -1.0, 1.0]
             columns = {} if not columns else _origin_of_inverse(turned, columns)
         return dict(zip(QUATERNION, turned.T, strict=True)) | columns
+
+    def _note_vertical(self, form: OrientationForm, where: str) -> None:
+        """Log what a vertical was taken for: the opposite gives the same tool, and the other sign convention."""
+        taken, other = ("gravity, which points down", "up, as an accelerometer's reading")
+        if form.name == "accelerometer":
+            taken, other = "an accelerometer at the sensor, along its axes, which reads up at rest", "down, as gravity"
+        name = next(name for name in UPWARD if name != form.name)
+        self.log.taken(
+            f'the vertical is taken as {taken}; if it points {other} does, state orientation = "{name}" in a map:'
+            " the tool is the same, the sign convention the other one",
+            where,
+        )
 
     def _radians(self, values: Array, group: ColumnGroup) -> Array:
         """Angles of an orientation (n, 3) in rad; more than a turn is taken as degrees."""

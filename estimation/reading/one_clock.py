@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from estimation.reading.clock_offset import MotionRegressors, clock_offset
+from estimation.reading.gravity_vector import ACCELERATION, RATES
 from estimation.reading.log_reader import Array
 from estimation.reading.repeat_cutting import CutSeries, aligned_runs, cut_into_repeats, one_run, separate_runs
 from estimation.reading.sample_mending import ROUNDING, Series, Stream, interpolated_position, interpolated_quaternion
@@ -138,7 +139,7 @@ def _estimated(
     columns = {name: column for one in others for name, column in _at(one, instants).items()}
     channels = PLANAR_CHANNELS if "tau" in wrench.columns else SPATIAL_CHANNELS
     dummy = {channel: np.zeros(len(instants)) for channel in channels}
-    names = [n for n in columns if n[0] in "pq"]
+    names = [n for n in columns if n[0] in "pq" or n in (*RATES, *ACCELERATION)]
     table = ColumnTable(
         columns={"time": instants - instants[0], **{n: columns[n] for n in names}, **dummy},
         where=motion.where,

@@ -1,4 +1,4 @@
-"""Orientation forms: quaternions of either order, rotation vectors, Euler angles, matrices; all to x, y, z, w."""
+"""Orientation forms: quaternions of either order, rotation vectors, Euler angles, matrices, gravity; to x, y, z, w."""
 
 from __future__ import annotations
 
@@ -8,10 +8,14 @@ from typing import Self
 
 import numpy as np
 
+from estimation.reading.gravity_vector import level_quaternions
 from estimation.reading.log_reader import Array
 from modeling.errors import InputError, quoted
 
 FORMS = "xyzw, wxyz, rotation_vector, euler XYZ (capitals: about moving axes), matrix_rows, matrix_columns"
+FORMS += ", gravity (down at rest), accelerometer (up at rest)"
+UPWARD = {"gravity": -1.0, "accelerometer": 1.0}
+"""Sign by which a vector in the sensor's axes points up at rest."""
 UNIT_TOLERANCE, WORST_UNIT = 0.02, 0.1
 """Deviations of a norm from 1: of the median from which it is another form, and of one row that is damaged."""
 LARGEST = 1e6
@@ -35,7 +39,7 @@ class OrientationForm:
             return cls("euler", match[1])
         name = plain.lower().replace("quaternion ", "").replace(" ", "_")
         name = {"matrix_row_major": "matrix_rows", "matrix_column_major": "matrix_columns"}.get(name, name)
-        if name not in ("xyzw", "wxyz", "rotation_vector", "matrix_rows", "matrix_columns"):
+        if name not in ("xyzw", "wxyz", "rotation_vector", "matrix_rows", "matrix_columns", *UPWARD):
             raise InputError(what=f"orientation = {quoted(text)} is no form", where=where, remedy=f"use one of {FORMS}")
         return cls(name)
 
@@ -44,7 +48,7 @@ class OrientationForm:
         """How many columns it may have."""
         if self.name in ("xyzw", "wxyz"):
             return (4,)
-        return (3,) if self.name in ("rotation_vector", "euler") else (9, 12, 16)
+        return (3,) if self.name in ("rotation_vector", "euler", *UPWARD) else (9, 12, 16)
 
     @property
     def has_angles(self) -> bool:
@@ -55,6 +59,8 @@ class OrientationForm:
         texts = {
             "xyzw": "quaternion x y z w", "wxyz": "quaternion w x y z", "rotation_vector": "rotation vector",
             "matrix_rows": "matrix, row by row", "matrix_columns": "matrix, column by column",
+            "gravity": "gravity in the sensor's axes, turn about it unknown",
+            "accelerometer": "accelerometer in the sensor's axes, turn about the vertical unknown",
         }  # fmt: skip
         return texts.get(self.name, f"Euler angles {self.angles}")
 
@@ -71,6 +77,8 @@ class OrientationForm:
         if self.name in ("xyzw", "wxyz"):
             turned = _unit(rows, where)
             quaternions[complete] = turned if self.name == "xyzw" else np.roll(turned, -1, axis=1)
+        elif self.name in UPWARD:
+            quaternions[complete] = level_quaternions(UPWARD[self.name] * rows)
         elif self.name == "rotation_vector":
             quaternions[complete] = Rotation.from_rotvec(rows).as_quat()
         elif self.name == "euler":

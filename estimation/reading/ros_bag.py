@@ -242,6 +242,12 @@ def _joints(topics: _Topics, topic: str, message: Any, received: float) -> None:
         topics.add(topic, message.header, received, values)
 
 
+def _imu(topics: _Topics, topic: str, message: Any, received: float) -> None:
+    """Accelerometer and gyroscope; the orientation is seldom filled in, and then not in the sensor's axes."""
+    rate = _vector("angular_velocity", message.angular_velocity)
+    topics.add(topic, message.header, received, _vector("linear_acceleration", message.linear_acceleration) | rate)
+
+
 def _temperature(topics: _Topics, topic: str, message: Any, received: float) -> None:
     topics.add(topic, message.header, received, {"temperature": float(message.temperature)})
 
@@ -255,6 +261,7 @@ EXTRACTORS: Mapping[str, Callable[[_Topics, str, Any, float], None]] = {
     "geometry_msgs/msg/TransformStamped": _transform,
     "nav_msgs/msg/Odometry": _pose,
     "sensor_msgs/msg/JointState": _joints,
+    "sensor_msgs/msg/Imu": _imu,
     "sensor_msgs/msg/Temperature": _temperature,
     "tf/msg/tfMessage": _tf,
     "tf2_msgs/msg/TFMessage": _tf,
