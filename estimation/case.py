@@ -95,18 +95,30 @@ class Case:
         check_channels(model, recordings)
         for recording in held_out:
             require_channels(recording, model)
+        case = cls._of(model, several, len(recordings), read, as_read=as_read)
+        if all(recording.reading is None and recording.clock_offset is None for recording in several):
+            return case
+        from estimation.readings.of_log import readings_of_logs  # a streamed fit has none
+
+        return replace(case, readings=(*readings_of_logs(several), *case.readings))
+
+    @classmethod
+    def _of(
+        cls, model: WrenchModel, several: Sequence[Recording], count: int, read: Collection[str], *, as_read: bool
+    ) -> Case:
+        """The case of recordings, of which the first `count` are to be fitted, without what their logs show."""
         if as_read:
-            return cls._as_read(model, several, len(recordings))
+            return cls._as_read(model, several, count)
         from estimation.readings.decision import shown_reading  # of recordings in memory, which a streamed fit has not
 
         undecided: InputError | None = None
         try:
-            case = cls._as_read(model, several, len(recordings))
+            case = cls._as_read(model, several, count)
         except InputError as error:
             if model.convention is not Convention.AUTO or model.space is Space.PLANE:
                 raise
             undecided = error
-            case = cls._upright(replace(model, convention=Convention.ON_TOOL), several, len(recordings))
+            case = cls._upright(replace(model, convention=Convention.ON_TOOL), several, count)
         shown = shown_reading((*case.recordings, *case.held_out), case.model, model.convention)
         if undecided is not None and (shown is None or shown.p_value is None):
             raise undecided from None

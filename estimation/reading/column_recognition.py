@@ -334,7 +334,9 @@ class _Groups:
             return stated
         named_g = [g for g in self.candidates(Quantity.VERTICAL) if g.form == OrientationForm("gravity")]
         rates = [*self.candidates(Quantity.RATE), *(g for g in named_g if not has_steady_length(g.values()))]
-        rates = [replace(g, quantity=Quantity.RATE, targets=RATES, form=None) for g in rates if g.table is vertical.table]
+        rates = [
+            replace(g, quantity=Quantity.RATE, targets=RATES, form=None) for g in rates if g.table is vertical.table
+        ]
         return self.only([group for group in rates if _is_alive(group) and group.columns != vertical.columns])
 
     def position(self, orientation: ColumnGroup) -> ColumnGroup | None:

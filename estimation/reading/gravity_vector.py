@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimation.recordings.motion import QUATERNION
 from estimation.reading.log_reader import Array
+from estimation.recordings.motion import QUATERNION
 from modeling.errors import InputError
 from modeling.rig import STANDARD_GRAVITY
 
@@ -36,7 +36,7 @@ thousandth of its weight's torque."""
 TILT_TIME = 0.1
 """Seconds over which the direction turns and the gyroscope is averaged, against an accelerometer's noise."""
 DEGREES_SHARE = 0.13
-"""Of the gyroscope's turn that the direction's must be: the root of a degree in radians, half way between both units."""
+"""Of the gyroscope's turn that the direction's must be: the root of a degree in radians, half way to that unit."""
 
 
 def has_steady_length(vectors: Array) -> bool:
@@ -68,7 +68,9 @@ def level_quaternions(up: Array) -> Array:
     from scipy.spatial.transform import Rotation  # slow to import
 
     unit = up / np.linalg.norm(up, axis=1, keepdims=True)
-    turns = Rotation.concatenate([_smallest_turn(unit[:1], np.array([[0.0, 0.0, 1.0]])), _smallest_turn(unit[1:], unit[:-1])])
+    turns = Rotation.concatenate(
+        [_smallest_turn(unit[:1], np.array([[0.0, 0.0, 1.0]])), _smallest_turn(unit[1:], unit[:-1])]
+    )
     reach = 1
     while reach < len(unit):  # products of the first 1, 2, 4, .. turns
         turns = Rotation.concatenate([turns[:reach], turns[:-reach] * turns[reach:]])

@@ -24,7 +24,7 @@ from estimation.reading.step_log import StepLog
 from estimation.reading.time_column import TableTimes
 from estimation.recordings.column_table import ColumnTable, signal_unit
 from estimation.recordings.differentiation import spline_derivatives
-from estimation.recordings.motion import QUATERNION
+from estimation.recordings.motion import CLOCK_OFFSET, QUATERNION
 from estimation.recordings.reading import MIN_POSES, recording_from_table
 from estimation.recordings.reading_report import (
     ClockReading,
@@ -34,6 +34,7 @@ from estimation.recordings.reading_report import (
     ReadingCurves,
     ReadingReport,
     ReadingStep,
+    TakenUnit,
     UsedColumns,
 )  # fmt: skip
 from estimation.recordings.recording import Recording
@@ -77,7 +78,9 @@ class ImportedRecording:
 def import_recording(
     sources: Sequence[str | Path | LogTable], options: ReadingOptions | None = None, *, rig: Rig | None = None
 ) -> ImportedRecording:
-    """One recording of these sources, files or tables in memory. `rig` gives [columns], and the arm that joint angles need for a clock offset.
+    """One recording of these sources, files or tables in memory.
+
+    `rig` gives [columns], and the arm that joint angles need for a clock offset.
 
     Raises InputError, in one line, for whatever cannot be read, or could be read in two ways.
     """
@@ -89,7 +92,9 @@ def import_recording(
         return _imported([s if isinstance(s, LogTable) else Path(s) for s in sources], options, rig)
     except MemoryError:
         what = "larger than the memory that is free"
-        raise InputError(what=what, where=str(getattr(sources[0], "name", sources[0])), remedy="cut the log into parts") from None
+        raise InputError(
+            what=what, where=str(getattr(sources[0], "name", sources[0])), remedy="cut the log into parts"
+        ) from None
 
 
 def _imported(paths: Sequence[Path | LogTable], options: ReadingOptions, rig: Rig | None) -> ImportedRecording:
@@ -110,11 +115,14 @@ def _imported(paths: Sequence[Path | LogTable], options: ReadingOptions, rig: Ri
     columns = _turned(clocked.columns, paths[0].name) if si.base_axes else clocked.columns
     columns = _checked(columns, clocked, mapping, stated, rig, log)
     curves, steps = picture_of(columns, clocked.stamps, log.steps, mapping.wrench.table.name, clocked.offset, rig)
+    if clocked.offset is not None and clocked.offset.is_estimated:  # it goes with the recording
+        columns = columns | {CLOCK_OFFSET: np.full(clocked.samples, clocked.offset.offset)}
     read = [table for source in sources for table in source.tables]
     report = ReadingReport(
         sources=tuple((table.name, table.kind, table.rows, len(table.columns) + len(table.texts)) for table in read),
         used=tuple(si.used), clocks=clocked.clocks, offset=clocked.offset, period=clocked.period, steps=steps,
-        samples=clocked.samples, rate=clocked.rate, columns=tuple(columns), curves=curves,
+        samples=clocked.samples, rate=clocked.rate, columns=tuple(columns), held=log.held,
+        units=tuple(log.units), curves=curves,
     )  # fmt: skip
     return ImportedRecording(name=paths[0].name, columns=columns, report=report)
 
@@ -230,13 +238,13 @@ def _checked(
     return columns
 
 
-def _with_rates(
-    columns: dict[str, Array], mapping: ColumnMapping, stated: ColumnMap, log: StepLog
-) -> dict[str, Array]:
+def _with_rates(columns: dict[str, Array], mapping: ColumnMapping, stated: ColumnMap, log: StepLog) -> dict[str, Array]:
     """The columns of a motion without a pose, its angular velocity in rad/s; what is not known of it is logged."""
     assert mapping.orientation is not None  # it is gravity, or an accelerometer
     where, rate = mapping.orientation.table.name, mapping.rate
-    is_stated = stated.factor("rate") is not None or (rate is not None and name_and_unit(rate.columns[0])[1] is not None)
+    is_stated = stated.factor("rate") is not None or (
+        rate is not None and name_and_unit(rate.columns[0])[1] is not None
+    )
     columns, in_degrees = checked_rates(columns, where, stated=is_stated)
     if "apz" in columns:  # the orientation is smoothed where it is differentiated, an acceleration that is given is not
         dt = float(columns["time"][1] - columns["time"][0])
@@ -245,7 +253,8 @@ def _with_rates(
         what = "no gyroscope: what turns about the vertical is taken as at rest, as it may be in a slow motion"
         log.suspicious(what, where)
     elif in_degrees:
-        log.mended("the angular velocity is in degrees per second, as gravity's direction turns by its reading", where)
+        log.mended("the angular velocity is in degrees per second", where)
+        log.units.append(TakenUnit("rate", "deg/s", "gravity's direction in the sensor turns by so much less"))
     return columns
 
 

@@ -119,7 +119,7 @@ def imported(
 ) -> ImportedRecording:
     """Logs as a table of FORMATS with its reading report, whatever their columns are called; arguments as of `read`.
 
-    A source may be a table in memory. With `one_run`, no period is looked for, and a column that counts repeats is left out.
+    A source may be a table in memory. With `one_run`, no period is looked for, and repeats are not counted.
     """
     from estimation.reading.column_map import ColumnMap
     from estimation.reading.log_import import ReadingOptions, import_recording  # slow to import: for logs alone

@@ -42,7 +42,7 @@ class Source:
 
 
 def read_sources(sources: Sequence[Path | LogTable], log: StepLog) -> list[Source]:
-    """Each source, a file or a table in memory, with its tables, no two of one name; what readers had to do is logged."""
+    """Each source with its tables, no two of one name; what readers had to do is logged."""
     counts: Counter[str] = Counter()
 
     def named(table: LogTable) -> LogTable:

@@ -17,7 +17,7 @@ from estimation.reading.step_log import StepLog
 from estimation.reading.time_column import TableTimes
 from estimation.recordings.column_table import LARGEST_VALUE
 from estimation.recordings.differentiation import held_rows
-from estimation.recordings.motion import MotionForm, motion_columns
+from estimation.recordings.motion import CLOCK_OFFSET, MotionForm, motion_columns
 from estimation.recordings.reading_report import Span, spans
 from modeling.errors import InputError, cut
 from modeling.rig import PLANAR_CHANNELS, SPATIAL_CHANNELS
@@ -57,6 +57,8 @@ class LogStreams:
         self.epoch = times.epoch([group.table for group, _ in groups])
         self.one_clock = True
         self.streams = self._together()
+        if Quantity.WRENCH.value not in log.held:  # a motion alone is often logged more slowly, and no wonder
+            log.held.clear()
 
     def _together(self) -> list[Stream]:
         """Groups that were sampled together as one stream each, with the auxiliary columns of their table."""
@@ -92,6 +94,7 @@ class LogStreams:
         share = 1 - float(changed.mean())
         total = len(complete)
         if held:
+            self.log.held[group.quantity.value] = held
             what = f"{group.quantity.value} held for {held} rows each: only its new values are used"
             at = self._spans(group.table, complete[~changed])
             self.log.mended(what, group.table.name, total - int(changed.sum()), total, at, columns)
@@ -151,7 +154,8 @@ class LogStreams:
                 self.log.mended(what, table.name, damaged, len(column))
                 column = np.where(plausible, column, np.nan)
             sound = column[plausible]
-            if len(sound) < FILLED_SHARE * len(column) or not len(sound) or (sound[0] == sound).all():
+            is_constant = name != CLOCK_OFFSET and bool((sound[:1] == sound).all())
+            if len(sound) < FILLED_SHARE * len(column) or not len(sound) or is_constant:
                 continue
             key = named.get(name, name.replace(",", "_").replace('"', ""))
             key = "temperature" if key.lower() in ("temp", "temperature") else key

@@ -14,6 +14,7 @@ from estimation.reading.log_reader import Array, LogTable
 from estimation.reading.step_log import StepLog
 from estimation.recordings.column_table import LARGEST_VALUE
 from estimation.recordings.reading import is_regular
+from estimation.recordings.reading_report import TakenUnit
 from modeling.errors import InputError
 
 EPOCH = (1.0e9, 2.2e9)
@@ -41,12 +42,16 @@ EXACT_SECONDS = 1e6
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TimeColumn:
-    """Stamps (n,) in s, relative to `epoch` s, NaN where missing; the columns they came from, and how."""
+    """Stamps (n,) in s, relative to `epoch` s, NaN where missing; the columns they came from, and how.
+
+    `taken` where nothing but the size of the steps tells their unit.
+    """
 
     columns: tuple[str, ...]
     stamps: Array
     epoch: float
     how: str
+    taken: TakenUnit | None = None
 
 
 class TableTimes:
@@ -70,6 +75,8 @@ class TableTimes:
         if time is None and self.stated.rate is not None:
             stamps = np.arange(table.rows) / self.stated.rate
             time = TimeColumn(columns=(), stamps=stamps, epoch=0.0, how=f"{self.stated.rate:g} Hz, as stated")
+        if time is not None and time.taken is not None:
+            self.log.units.append(time.taken)
         if time is not None:
             self.log.taken(f"time from {' and '.join(time.columns) or 'no column'}: {time.how}", table.name)
         return time
@@ -200,11 +207,13 @@ def _without_strays(column: Array) -> Array:
 def _one(table: LogTable, name: str, factor: float | None, milliseconds: bool) -> TimeColumn:
     column = _without_strays(table.columns[name])
     unit = name_and_unit(name)[1]
-    how = "as stated"
+    how, taken = "as stated", None
     if factor is None and unit in TIME:
         factor, how = TIME[unit], f"{unit}, as its name says"
     if factor is None:
         factor, how = _recognised_factor(column, name, table.name, milliseconds)
+        if "recognised by their step" in how:
+            taken = TakenUnit("time", UNIT_NAMES[factor], f"its steps are {how.rpartition(' ')[2]}, unlikely in s")
     damaged = int(np.isfinite(table.columns[name]).sum() - np.isfinite(column).sum())
     how += f"; damaged stamps, {damaged}, taken as missing" if damaged else ""
     finite = column[np.isfinite(column)]
@@ -212,7 +221,7 @@ def _one(table: LogTable, name: str, factor: float | None, milliseconds: bool) -
     # Whole seconds are taken off before scaling, or stamps of 1e18 ns would be rounded to 0.2 µs once more.
     epoch = np.floor(start * factor) if abs(start * factor) > EXACT_SECONDS else 0.0
     stamps = column * factor if epoch == 0.0 else (column - epoch / factor) * factor
-    return TimeColumn(columns=(name,), stamps=stamps, epoch=float(epoch), how=how)
+    return TimeColumn(columns=(name,), stamps=stamps, epoch=float(epoch), how=how, taken=taken)
 
 
 def _recognised_factor(column: Array, name: str, where: str, milliseconds: bool) -> tuple[float, str]:

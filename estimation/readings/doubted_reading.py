@@ -15,13 +15,14 @@ class DoubtedReading:
     meaning        what it means, as a clause
     statement      the line of a rig or map, or the option, that states it
     before, after  root mean square of the rigid tool's residual over the noise from sample to sample, as read and in
-                   this reading
+                   this reading; None where the log alone shows it
     p_value        that the recording as read is as near to the truth, family-wise over all readings; None of what no
                    test decides
     mass           kg, of the tool in this reading
     adopted        whether the recordings are read so
     mends          whether it changes what was logged, not only how it is understood
     applies_to     "rig" or "map", where it is stated
+    of_log         whether the reader of the log decided it, which is so whatever a case is told of readings
     shown_by       the evidence as a clause, by default residuals, p-value and mass
     """
 
@@ -29,19 +30,20 @@ class DoubtedReading:
     meaning: str
     statement: str
     value: Any = None
-    before: float
-    after: float
+    before: float | None = None
+    after: float | None = None
     p_value: float | None = None
     mass: float | None = None
     adopted: bool = False
     mends: bool = True
     applies_to: str = "rig"
+    of_log: bool = False
     shown_by: str = ""
 
     @property
     def evidence(self) -> str:
         """Why it is doubted, as a clause."""
-        if self.shown_by:
+        if self.shown_by or self.before is None or self.after is None:
             return self.shown_by
         mass = "" if self.mass is None else f", with a mass of {self.mass:.4g} kg"
         p_value = "" if self.p_value is None else f" (p = {self.p_value:.1g})"
@@ -53,6 +55,8 @@ class DoubtedReading:
     @property
     def sentence(self) -> str:
         """What is doubted, the evidence, and how it is stated."""
+        if self.of_log:
+            return f"Read so that {self.meaning}: {self.shown_by}. Remedy: {self.statement}."
         if self.adopted and self.mends:
             return (
                 f"Read so that {self.meaning}: {self.evidence}. `compensate` and `compare` take a log as it stands:"
@@ -75,7 +79,7 @@ class DoubtedReading:
             "value": self.value,
             "statement": self.statement,
             "p_value": self.p_value,
-            "misfit": [self.before**2, self.after**2],
+            "misfit": None if self.before is None or self.after is None else [self.before**2, self.after**2],
             "applies_to": self.applies_to,
             "sentence": self.sentence,
         }

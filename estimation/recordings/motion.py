@@ -26,6 +26,8 @@ from modeling.rig import Rig
 Array = NDArray[np.float64]
 
 QUATERNION = ("qx", "qy", "qz", "qw")
+CLOCK_OFFSET = "clock_offset"
+"""Column that an import writes where it estimated the offset of the wrench's clock, s, the same in all rows."""
 
 
 class MotionForm(Enum):
@@ -213,7 +215,7 @@ class Motion:
     def auxiliary(self) -> tuple[str, ...]:
         """Columns that are not part of the motion, such as a temperature."""
         used = motion_columns(self.form, self.joints)
-        return tuple(name for name in self.recorded.columns if name not in used)
+        return tuple(name for name in self.recorded.columns if name not in used and name != CLOCK_OFFSET)
 
     @cached_property
     def signals(self) -> Mapping[str, Array]:

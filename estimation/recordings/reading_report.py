@@ -205,6 +205,15 @@ class ReadingStep:
         return f"{self.where}: {self.what}{share}"
 
 
+@dataclass(frozen=True)
+class TakenUnit:
+    """A unit that nothing states, taken by the size of the numbers; `kind` and `unit` as a map calls them, and why."""
+
+    kind: str
+    unit: str
+    why: str
+
+
 @dataclass(frozen=True, kw_only=True)
 class UsedColumns:
     """What became which columns of the recording, and how it was read."""
@@ -239,6 +248,11 @@ class OffsetReading:
     correlation: float
     alternatives: tuple[float, ...] = ()
     curves: OffsetCurves | None = field(default=None, compare=False)
+
+    @property
+    def is_estimated(self) -> bool:
+        """Whether it was applied, and nobody stated it."""
+        return self.applied and self.std > 0
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -297,7 +311,8 @@ def _percent(share: float) -> str:
 class ReadingReport(Tabular):
     """How sources became a recording of `samples` rows at `rate` Hz (None for static poses).
 
-    `curves` are what `tw.plot_reading` draws of the recording; text and JSON are without them.
+    `held` has the rows for which a quantity is held where that is so of the wrench, `units` those that were taken by
+    the size of the numbers. `curves` are what `tw.plot_reading` draws of the recording; text and JSON are without them.
     """
 
     sources: tuple[tuple[str, str, int, int], ...]
@@ -309,6 +324,8 @@ class ReadingReport(Tabular):
     rate: float | None
     columns: tuple[str, ...]
     period: PeriodReading | None = None
+    held: Mapping[str, int] = field(default_factory=dict)
+    units: tuple[TakenUnit, ...] = ()
     curves: ReadingCurves | None = field(default=None, compare=False)
 
     def of(self, kind: StepKind) -> tuple[ReadingStep, ...]:

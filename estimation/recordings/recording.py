@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.recordings.motion import Motion, MotionColumns, MotionForm, motion_columns
+from estimation.recordings.motion import CLOCK_OFFSET, Motion, MotionColumns, MotionForm, motion_columns
 from modeling.errors import InputError
 from modeling.kinematics.arm import Arm
 from modeling.rig import PLANAR_CHANNELS, Rig
@@ -193,6 +193,12 @@ class Recording(Tabular):
     def joints(self) -> int:
         """Number of recorded joints, 0 when the motion was recorded as poses."""
         return self.motion.joints
+
+    @property
+    def clock_offset(self) -> float | None:
+        """Offset of the wrench's clock, s, that was estimated when the log was imported; None without one."""
+        offset = self.columns.get(CLOCK_OFFSET)
+        return None if offset is None else float(offset[0])
 
     @property
     def auxiliary(self) -> tuple[str, ...]:

@@ -13,6 +13,7 @@ import numpy as np
 
 from estimation.case import Case
 from estimation.reading.log_reading import read_with_rig
+from estimation.readings.of_log import readings_of_logs
 from estimation.recordings.motion import MotionForm
 from estimation.recordings.recording import Recording, require_different_readings
 from estimation.recordings.sign_convention import (
@@ -138,6 +139,7 @@ def _require_one_sensor(recordings: Sequence[Recording]) -> None:
 
 # ------------------------------------------------------------------ sign convention and gravity, in words
 
+FRAMES = "Frames: force and torque along the sensor frame's axes, about its origin"
 MEANINGS = {
     Convention.ON_TOOL: "the wrench that the sensor exerts on the tool (on_tool)",
     Convention.ON_SENSOR: "the wrench that the tool exerts on the sensor (on_sensor)",
@@ -186,13 +188,18 @@ def convention_data(sign: SignDecision) -> dict[str, Any]:
 def frame_sentences(case: Case, *, detailed: bool = False) -> list[str]:
     """What the data decided of frames: gravity's direction, the sign convention; `detailed`, with its estimates."""
     sentences = [] if case.sign is None else [convention_sentence(case.sign, detailed=detailed)]
-    if case.readings:
-        return [*(doubted.sentence for doubted in case.readings), *([] if case.misread else sentences)]
+    readings = [doubted.sentence for doubted in case.readings]
+    if not all(doubted.of_log for doubted in case.readings):
+        return [*readings, *([] if case.misread else sentences)]
     if case.doubted is not None:
-        return [case.doubted.not_applied, *sentences]
+        return [*readings, case.doubted.not_applied, *sentences]
     if case.gravity is None:
-        return sentences
-    return [f"{case.gravity.sentence} To state it, write {case.gravity.stated} under [robot] in the rig.", *sentences]
+        return [*readings, *sentences]
+    return [
+        *readings,
+        f"{case.gravity.sentence} To state it, write {case.gravity.stated} under [robot] in the rig.",
+        *sentences,
+    ]
 
 
 def frames_data(case: Case) -> dict[str, Any]:

@@ -1,0 +1,64 @@
+"""Readings of logs: what the reader of a log decided before there was a case, as it is said with the case."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from estimation.readings.doubted_reading import DoubtedReading
+from estimation.recordings.reading_report import TakenUnit
+from estimation.recordings.recording import Recording
+
+UNIT_READINGS = {
+    "position": ("length_unit", "the positions are"),
+    "angle": ("angle_unit", "the angles are"),
+    "rate": ("angle_unit", "the angular velocity is"),
+    "time": ("time_unit", "the time is"),
+}
+"""Id of the reading of a unit, and what has it, by the kind that a map calls it."""
+
+
+def readings_of_logs(recordings: Sequence[Recording]) -> tuple[DoubtedReading, ...]:
+    """What was decided when the logs were read, each thing once."""
+    offsets = [recording.clock_offset for recording in recordings if recording.clock_offset is not None]
+    reports = [recording.reading for recording in recordings if recording.reading is not None]
+    readings = [_clock_offset(max(offsets, key=abs))] if offsets else []
+    readings += [_polled_twice(report.held) for report in reports if report.held]
+    readings += [_unit(taken) for report in reports for taken in report.units]
+    return tuple({(reading.id, str(reading.value)): reading for reading in readings}.values())
+
+
+def _clock_offset(offset: float) -> DoubtedReading:
+    """`offset`, s, was estimated between the clocks of wrench and motion, and a delay with it."""
+    return _of_log(
+        "clock_offset", offset,
+        f"the stamps of the wrench are {1e3 * offset:.4g} ms late against those of the motion",
+        "estimated from the motion that both show, so that it takes a delay or lag of the sensor in: neither time_delay"
+        " nor sensor_lag is measured by this recording",
+        "`import --clock-offset` with the offset of the clocks alone, s (0 where one clock stamped both)",
+    )  # fmt: skip
+
+
+def _polled_twice(held: Mapping[str, int]) -> DoubtedReading:
+    """Rows were polled faster than there were new values, by the rows for which each quantity is held."""
+    listed = ", ".join(f"the {quantity} for {rows} rows" for quantity, rows in held.items())
+    return _of_log(
+        "polled_twice", dict(held),
+        "each value counts once, in the row where it is new",
+        f"the log holds {listed} each, which would delay the wrench by half a hold, and count its noise again",
+        "log at the rate of the slower clock",
+    )  # fmt: skip
+
+
+def _unit(taken: TakenUnit) -> DoubtedReading:
+    """A unit that nothing states was taken by the size of the numbers."""
+    identity, noun = UNIT_READINGS[taken.kind]
+    statement = f'units = {{ {taken.kind} = "{taken.unit}" }} in a map'
+    return _of_log(identity, taken.unit, f"{noun} in {taken.unit}", taken.why, statement)
+
+
+def _of_log(identity: str, value: Any, meaning: str, why: str, statement: str) -> DoubtedReading:
+    return DoubtedReading(
+        id=identity, value=value, meaning=meaning, shown_by=why, statement=statement, adopted=True, mends=False,
+        of_log=True, applies_to="map",
+    )  # fmt: skip
