@@ -32,6 +32,7 @@ from modeling.chain.chain import Stage
 from modeling.chain.effect import Effect, NuisanceValues
 from modeling.chain.model import WrenchModel
 from modeling.chain.prediction import compiled_prediction
+from modeling.effects.sensor import SensorLag, TimeDelay
 from modeling.noise import NoiseSource
 from modeling.parameter import Role
 from modeling.significance import LEVELS
@@ -289,6 +290,11 @@ def _detectable(
     return detectable
 
 
+TAKEN_IN_BY_CLOCKS = (TimeDelay.id, SensorLag.id)
+"""Effects that make the wrench late, as its clock may: an offset that was estimated from both has them in it."""
+STATED_OFFSET = "stated offset of the clocks (an estimated one takes a delay in: import with --clock-offset)"
+
+
 def _quantities(names: Sequence[str]) -> str:
     """What signals are: joint angles for q1, q2 and their derivatives."""
     quantities = ("joint angles" if re.fullmatch(r"d*q\d+", name) else name for name in names)
@@ -298,6 +304,8 @@ def _quantities(names: Sequence[str]) -> str:
 def _missing_inputs(alone: WrenchModel, effect: Effect, recording: Recording, noise: RecordingNoise) -> tuple[str, ...]:
     """What a recording lacks for an effect: signals, or repeats where without them it is aliased."""
     missing = missing_inputs(alone, recording)
+    if recording.clock_offset is not None and effect.id in TAKEN_IN_BY_CLOCKS:
+        return (*missing, STATED_OFFSET)
     whitener = noise.whitener
     nonperiodic_lines = isinstance(whitener, FourierLineWhitener) and len(whitener.non_excited_lines)
     if effect.has_role(Role.FREQUENCY, alone.space) and not nonperiodic_lines:

@@ -19,7 +19,6 @@ from diagnosis.verdict_rule import EffectVerdict, VerdictRule, judge
 from estimation.least_squares.estimates import Estimate, estimates_data, parameter_table
 from estimation.multiplicity import chi2_sf
 from modeling.chain.effect import Effect
-from modeling.effects.sensor import SensorLag, TimeDelay
 from modeling.number_format import finite, p_value_text
 from modeling.significance import LEVELS
 from modeling.space import Space
@@ -27,9 +26,6 @@ from modeling.table import Table, Tabular
 
 # Verdict rules on an effect.
 
-
-TAKEN_IN_BY_CLOCKS = (TimeDelay.id, SensorLag.id)
-"""Effects that shift the wrench in time, as its clock does."""
 
 ALIAS_SENTENCE = (
     "indistinguishable from {e.alias[0]} (separation {e.alias[1].noncentrality:.2g}, "
@@ -41,10 +37,6 @@ REPLACEMENT_SENTENCE = (
 )
 RANGE_SENTENCE = "{e.beyond_range} is not excited: detectable only beyond its physical range"
 NOT_SIGNIFICANT_SENTENCE = "rejected, because it is not significant: what it would explain is within the noise"
-CLOCK_SENTENCE = (
-    "the import estimated that the wrench's clock is {e.clock_offset:.4g} ms late, and a delay of the sensor is in"
-    " that: import with --clock-offset, the offset of the clocks alone"
-)
 LIMIT_SENTENCE = "the upper 95 % limit of its contribution is below tolerance"
 NOT_AFTER_REFIT_SENTENCE = "rejected, because it is significant in the score test, but not after the exact refit"
 REFIT_UNCONVERGED_SENTENCE = (
@@ -83,7 +75,6 @@ class EffectEvidence:
     replacement the added effect's id and itself fitted in its place, where it is separated from that one
     rejection   why it was not accepted, None unless it was tried for acceptance
     negligible  whether the upper 95 % limit of its contribution is within tolerance
-    clock_offset  ms, estimated between the clocks of wrench and motion, for an effect that it takes in; None without
     one_run     whether no recording has repeats
     adjusted_p_value  of its score test, Holm over the effects that the final model lacks, as in the search
     refits      what the search has refitted with it
@@ -96,7 +87,6 @@ class EffectEvidence:
     replacement: tuple[str, Alias] | None = None
     rejection: str | None = None
     negligible: bool = False
-    clock_offset: float | None = None
     one_run: bool = False
     adjusted_p_value: float = 1.0
     refits: EffectRefits = field(default_factory=EffectRefits)
@@ -151,12 +141,6 @@ EFFECT_RULES: tuple[EffectRule, ...] = (
     ),
     VerdictRule("not identifiable", lambda e: not e.screening.excited, V.NOT_EXCITED, "{e.screening.reason}"),
     VerdictRule("only beyond its physical range", lambda e: e.beyond_range is not None, V.NOT_EXCITED, RANGE_SENTENCE),
-    VerdictRule(
-        "taken in by an estimated offset of the clocks",
-        lambda e: e.clock_offset is not None and not e.significant,
-        V.NOT_EXCITED,
-        CLOCK_SENTENCE,
-    ),
     VerdictRule("upper limit within tolerance", lambda e: e.negligible, V.NEGLIGIBLE, LIMIT_SENTENCE),
     VerdictRule(
         "not significant after the exact refit",
@@ -391,7 +375,6 @@ def _evidence_on_absent(
     }
     significant = {s.effect.id for s in significant_effects(screenings)}
     one_run = all(recording.repeats == 1 for recording in final.fit.recordings)
-    offsets = [1e3 * r.clock_offset for r in final.fit.recordings if r.clock_offset is not None]
     evidence = []
     for screening in screenings:
         i = screening.effect.id
@@ -402,7 +385,6 @@ def _evidence_on_absent(
             replacement=separated.get(i),
             rejection=rejections.get(i),
             negligible=i in limits and within_tolerance(limits[i], tolerance),
-            clock_offset=max(offsets, key=abs) if offsets and i in TAKEN_IN_BY_CLOCKS else None,
             one_run=one_run,
             adjusted_p_value=adjusted.get(i, 1.0),
             refits=effect_refits(selection, final, i) if i in significant else EffectRefits(),

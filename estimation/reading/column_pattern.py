@@ -102,7 +102,8 @@ PATTERNS: tuple[ColumnPattern, ...] = (
     _numbered(Quantity.POSITION, r".*(?:position|pos|translation)[^\d]*", 3),
     ColumnPattern(
         quantity=Quantity.VERTICAL,
-        regex=rf"(?P<stem>(?:.*[^a-z])?)(?:linear_?acceleration|acceleration|accelerometer|acc(?:el)?|a){_SEP}(?P<part>[xyz])",
+        regex=r"(?P<stem>(?:.*[^a-z])?)(?:linear_?acceleration|acceleration|accelerometer|acc(?:el)?|a)"
+        rf"{_SEP}(?P<part>[xyz])",
         parts=XYZ,
         form="accelerometer",
     ),
@@ -114,7 +115,8 @@ PATTERNS: tuple[ColumnPattern, ...] = (
     ),
     ColumnPattern(
         quantity=Quantity.RATE,
-        regex=rf"(?P<stem>(?:.*[^a-z])?)(?:angular_?velocity|angular_?rate|gyro(?:scope)?|omega|w){_SEP}(?P<part>[xyz])",
+        regex=r"(?P<stem>(?:.*[^a-z])?)(?:angular_?(?:velocity|rate)|gyro(?:scope)?|omega|w)"
+        rf"{_SEP}(?P<part>[xyz])",
         parts=XYZ,
     ),
     ColumnPattern(quantity=Quantity.JOINTS, regex=r"(?P<stem>joint):(?P<part>.+)"),
@@ -128,11 +130,11 @@ PATTERNS: tuple[ColumnPattern, ...] = (
 """In order of preference: what a robot states of itself before what its names suggest."""
 
 TIME_NAMES: tuple[str, ...] = (
-    r"time", r".*header[._/]stamp", r"stamp", r"_*time", r"%?time", r"time_?stamps?", r"t",
+    r".*header[._/]stamp", r"time", r"stamp", r"_*time", r"%?time", r"time_?stamps?", r"t",
     r".*(?:^|[^a-z])time_?stamps?",
     r".*(?:^|[^a-z])(?:time|stamp|zeit|seconds|sec)", r"(?:robot|elapsed|system|unix|epoch).?time", r"time.*", r"clock",
 )  # fmt: skip
-"""Names of the time, best first; a recorder's own stamp comes after the sensor's header stamp."""
+"""Names of the time, best first: the sensor's own stamp in its header, then the recorder's, which is that of receipt."""
 SECONDS, NANOSECONDS = r"(?P<stem>.*(?:^|[^a-z]))secs?", r"(?P<stem>.*(?:^|[^a-z]))n(?:ano)?secs?"
 
 PRESETS: Mapping[str, str] = {

@@ -18,6 +18,8 @@ from modeling.rig import PLANAR_CHANNELS, SPATIAL_CHANNELS
 
 MOST_NAMES, SHOWN_PARTS = 8, 3
 """Columns that a message names, and parts of a vector; of more the first and the last."""
+FEWEST_OF_MOTION = {3: 2, 6: 3}
+"""Columns beside a wrench of so many channels: of a time and an angle in the plane, of a rotation vector in space."""
 LEAST_SHARE = 0.5
 """Of a vector's columns that are there, below which its name is chance."""
 
@@ -179,6 +181,8 @@ def column_mapping(tables: Sequence[LogTable], stated: ColumnMap, joint_names: S
         if orientation is not None:
             return ColumnMapping(wrench=wrench, orientation=orientation, position=None, joints=(), rate=rate)
     if orientation is None:
+        if groups.nothing_beside(wrench):
+            raise groups.without_motion(wrench)
         what = "no motion is recognised: neither an orientation nor joint angles"
         raise groups.error(what, (Quantity.POSE, Quantity.ORIENTATION))
     if orientation.form is not None and orientation.form.name in UPWARD:
@@ -203,14 +207,37 @@ class _Groups:
             what=what + closest, where=where, remedy=f"{ASK}: {EXAMPLES[quantities[0]]}, and give it by --map"
         )
 
-    def without_wrench(self) -> InputError:
-        """The error of bags in which nobody published a wrench, with the topics that they have."""
+    def nothing_beside(self, wrench: ColumnGroup) -> bool:
+        """Whether no columns are left that could be a motion beside a time."""
+        others = [name for table in self.tables for name in table.columns if name not in wrench.columns]
+        in_bags = all(table.kind in (ROS_TOPIC, TF_CHAIN) for table in self.tables)
+        return len(others) < FEWEST_OF_MOTION[len(wrench.columns)] or in_bags
+
+    def without_motion(self, wrench: ColumnGroup) -> InputError:
+        """The error of logs that have a wrench alone: no map helps."""
+        has = f"; its topics are {self._topics()}" if wrench.table.kind == ROS_TOPIC else ""
+        frame = f" of {wrench.table.wrench_frame}" if wrench.table.wrench_frame else ""
+        remedy = (
+            f"record the pose{frame} (PoseStamped, or /tf and /tf_static up to it), joint states, or the sensor's Imu"
+            if has
+            else "log its pose, joint angles, or an accelerometer beside it, or give the robot's log as a second source"
+        )
+        what = f"a wrench, and nothing that tells how the sensor was turned or moved{has}"
+        return InputError(what=what, where=wrench.table.name.partition(":")[0], remedy=remedy)
+
+    def _topics(self) -> str:
+        """The topics of bags, with those that are not read, for a message."""
         topics = [table.name.partition(":")[2] for table in self.tables]
         unread = [topic for table in self.tables for topic in table.unread]
-        listed = ", ".join(dict.fromkeys([*topics, *unread]))
+        return ", ".join(dict.fromkeys([*topics, *unread]))
+
+    def without_wrench(self) -> InputError:
+        """The error of bags in which nobody published a wrench, with the topics that they have."""
         remedy = "record the sensor's topic, too, or give its log beside the bag"
         return InputError(
-            what=f"{NO_WRENCH}; its topics are {listed}", where=self.tables[0].name.partition(":")[0], remedy=remedy
+            what=f"{NO_WRENCH}; its topics are {self._topics()}",
+            where=self.tables[0].name.partition(":")[0],
+            remedy=remedy,
         )
 
     def nearest(self) -> str:

@@ -162,7 +162,8 @@ class LogStreams:
             if key == "repeat" and self.one_run:
                 self.log.taken("column repeat is left out: one run, as stated", table.name)
                 continue
-            auxiliary[key if plain or key not in RESERVED or name in named else f"log_{key}"] = column
+            is_free = key not in RESERVED or name in named or (plain and key != "time")
+            auxiliary[key if is_free else f"log_{key}"] = column
         if len(auxiliary) > MOST_AUXILIARY:
             kept = {n: c for n, c in auxiliary.items() if n in self.stated.columns or n in ("temperature", "repeat")}
             self.log.taken(

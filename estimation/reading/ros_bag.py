@@ -116,7 +116,7 @@ class RosBag(LogReader):
                 EXTRACTORS[kind](topics, topic, message, received * 1e-9)
                 require_size(topics.messages * NUMBERS_OF_MESSAGE, str(source.path))
             tables = topics.tables()
-            unread = unread_topics(path) if not topics.frames else ()
+            unread = unread_topics(path) if len(tables) < 2 or not topics.frames else ()
         if not tables and unread:
             what = f"{NO_WRENCH}; its topics are {', '.join(unread)}"
             raise source.error(what, "record the topics of wrench and pose, or joint states")

@@ -36,6 +36,8 @@ FEWEST_STAMPS = 3
 """Of which any order says something."""
 INCREASING_SHARE, CHANGING_SHARE = 0.9, 0.2
 """Of the steps of a time: a log may have rows out of order, and stamps as coarse as five rows to a tick."""
+LATEST = 10.0
+"""Seconds by which a time of receipt may be later than the sensor's stamp; clocks of other epochs differ by more."""
 EXACT_SECONDS = 1e6
 """Beyond which whole seconds are taken off the stamps, so that a double resolves them to 1e-10 s."""
 
@@ -78,7 +80,8 @@ class TableTimes:
         if time is not None and time.taken is not None:
             self.log.units.append(time.taken)
         if time is not None:
-            self.log.taken(f"time from {' and '.join(time.columns) or 'no column'}: {time.how}", table.name)
+            how = f"{time.how}{_other_time(table, time)}"
+            self.log.taken(f"time from {' and '.join(time.columns) or 'no column'}: {how}", table.name)
         return time
 
     def are_known(self, tables: Sequence[LogTable]) -> bool:
@@ -159,6 +162,23 @@ def _called_time(table: LogTable) -> Iterator[str]:
             bare = name_and_unit(name)[0]
             if any(re.fullmatch(pattern, word, re.IGNORECASE) for word in (bare, re.split(r"[./:]", bare)[-1])):
                 yield name
+
+
+def _other_time(table: LogTable, chosen: TimeColumn) -> str:
+    """The first other column that is called as a time, and why it is not used, for a message; empty without one."""
+    stem = chosen.columns[0].rpartition(".")[0] if len(chosen.columns) > 1 else None
+    for name in _called_time(table):
+        if name in chosen.columns or (stem and name.startswith(stem)):
+            continue
+        if not _increases(table.columns[name]):
+            return f"; {name} is not used, as it does not increase"
+        try:
+            other = _one(table, name, None, milliseconds=False)
+        except InputError:  # a count of samples
+            continue
+        late = other.epoch - chosen.epoch + float(np.nanmedian(other.stamps - chosen.stamps))
+        return f"; {name} is not used" + (f", {1e3 * late:.3g} ms later in the median" if 0 < late < LATEST else "")
+    return ""
 
 
 def decreasing_time(table: LogTable) -> str | None:

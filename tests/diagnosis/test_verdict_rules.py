@@ -74,12 +74,6 @@ EFFECT_CASES: dict[str, tuple[EffectEvidence, EffectVerdict, str]] = {
         EffectVerdict.NOT_EXCITED,
         "time_constant is not excited: detectable only beyond its physical range",
     ),
-    "taken in by an estimated offset of the clocks": (
-        replace(NOTHING, clock_offset=14.1, negligible=True),
-        EffectVerdict.NOT_EXCITED,
-        "the import estimated that the wrench's clock is 14.1 ms late, and a delay of the sensor is in that: import"
-        " with --clock-offset, the offset of the clocks alone",
-    ),
     "upper limit within tolerance": (
         replace(NOTHING, negligible=True),
         EffectVerdict.NEGLIGIBLE,

@@ -10,10 +10,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from diagnosis.diagnosis import diagnose
+from diagnosis.verdict_rule import EffectVerdict
+from estimation.case import Case
 from estimation.reading.clock_offset import MotionRegressors
 from estimation.reading.column_map import ColumnMap
-from estimation.reading.log_reading import imported
+from estimation.reading.log_reading import imported, read
 from estimation.recordings.reading_report import StepKind
+from modeling.chain.model import spatial
+from modeling.effects import named
 from modeling.errors import InputError
 from modeling.rig import Rig
 from tests.shared.log_files import CHANNELS, POSITION, QUATERNION, Frame, original, poses_at, two_clocks
@@ -313,6 +318,53 @@ def test_incomplete_repeats_at_the_ends_are_left_out(tmp_path: Path) -> None:
     found = imported(wrench, pose)
     assert any("incomplete repeats" in step.what for step in found.report.of(StepKind.MENDED))
     assert found.recording().repeats == count - 2
+
+
+def test_an_estimated_offset_goes_with_the_recording(tmp_path: Path) -> None:
+    """A sensor that is 14 ms late on one clock: what takes that in is said, and no delay is called negligible."""
+    rig, path = SpatialRig(), tmp_path / "recording.csv"
+    hidden = [TimeDelay(delay=0.014)]
+    frame = simulate(rig, rig.random_motion(seed=3, period=10.0), hidden=hidden, repeats=1, samples_per_period=2500)
+    sources = two_clocks(frame.drop(columns="repeat"), tmp_path, 0.0)
+    log = imported(*sources)
+    pd.DataFrame(dict(log.columns)).to_csv(path, index=False)
+    for recording in (read(path), log.recording(), imported(path).recording()):
+        assert "clock_offset" not in recording.auxiliary
+        (doubted,) = Case.of(spatial(), [recording]).readings
+        assert doubted.id == "clock_offset"
+        assert doubted.value == pytest.approx(0.014, abs=1e-3)
+        assert "--clock-offset" in doubted.statement
+    effects = [named(i) for i in ("time_delay", "sensor_lag", "viscous_drag")]
+    findings = {f.effect.id: f for f in diagnose(spatial(), read(path), effects=effects).findings}
+    assert findings["viscous_drag"].verdict is EffectVerdict.NEGLIGIBLE
+    for late in ("time_delay", "sensor_lag"):
+        assert findings[late].verdict is EffectVerdict.NOT_EXCITED
+        assert "import with --clock-offset" in findings[late].reason
+    stated = imported(*sources, clock_offset=0.0)
+    assert "clock_offset" not in stated.columns
+    assert not Case.of(spatial(), [stated.recording()]).readings
+
+
+@pytest.mark.parametrize("received", ["%time", "time", "Time"])
+def test_the_stamp_of_the_sensor_comes_before_that_of_receipt(received: str, tmp_path: Path) -> None:
+    """Receipt is 30 ms late, with jitter, and that is said."""
+    frame, rng = part(), np.random.default_rng(0)
+    late = 1.7e9 + frame["time"] + 0.03 + rng.exponential(0.001, len(frame))
+    log = frame.rename(columns={"time": "header.stamp"}).assign(**{received: late})
+    log["header.stamp"] += 1.7e9
+    log.to_csv(tmp_path / "log.csv", index=False)
+    found = imported(tmp_path / "log.csv")
+    np.testing.assert_allclose(np.diff(found.columns["time"]), np.diff(frame["time"]), atol=1e-6)
+    said = [step.what for step in found.report.steps if "time from header.stamp" in step.what]
+    assert len(said) == 1
+    assert f"{received} is not used, 30" in said[0]
+
+
+def test_a_stamp_that_stands_still_is_not_the_time(tmp_path: Path) -> None:
+    part().assign(**{"header.stamp": 0.0}).to_csv(tmp_path / "log.csv", index=False)
+    steps = imported(tmp_path / "log.csv").report.steps
+    (said,) = [step.what for step in steps if "time from time" in step.what]
+    assert said.endswith("header.stamp is not used, as it does not increase")
 
 
 def test_a_record_too_short_for_an_offset(tmp_path: Path) -> None:

@@ -155,6 +155,35 @@ def test_an_inch_pound_has_many_spellings(unit: str) -> None:
     assert factor == pytest.approx(constants.pound_force * constants.inch, rel=1e-15)
 
 
+HEADERS = {
+    "Tx_in_lbf": ("Tx", "torque", "lbf in"), "Tx_inlb": ("Tx", "torque", "lbf in"),
+    "Tx [oz-in]": ("Tx", "torque", "ozf in"), "Tx[kgf.cm]": ("Tx", "torque", "kgf cm"),
+    "Tx_kgfcm": ("Tx", "torque", "kgf cm"), "Tx_N.mm": ("Tx", "torque", "N mm"),
+    "Tx_N_mm": ("Tx", "torque", "N mm"), "Tx_mNm": ("Tx", "torque", "mN m"), "Tx (lb*ft)": ("Tx", "torque", "lbf ft"),
+    "Fx_kg": ("Fx", "force", "kgf"), "Fx / lbf": ("Fx", "force", "lbf"), "Fx, N": ("Fx", "force", "N"),
+    "Fx N": ("Fx", "force", "N"), "Fx {ozf}": ("Fx", "force", "ozf"), "time [msec]": ("time", "time", "ms"),
+    "t_usec": ("t", "time", "us"), "q1 [degrees]": ("q1", "angle", "deg"), "x(inch)": ("x", "position", "in"),
+    "px_mm": ("px", "position", "mm"), "x (feet)": ("x", "position", "ft"),
+}  # fmt: skip
+PLAIN = (
+    "Fx_ft", "fx_second", "/wrench/wrench/force/x", "q[0]", "O_T_EE[0]", "actual_q_0", "header.stamp.nsec", "pose/x,y",
+    "n", "time", "wrench_g", "ft",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("header", HEADERS)
+def test_units_in_headers(header: str) -> None:
+    name, kind, unit = HEADERS[header]
+    bare, spelled = name_and_unit(header)
+    assert bare == name
+    assert ColumnMap.of({"units": {kind: spelled}}).factor(kind) == pytest.approx(in_si(unit), rel=1e-15)
+
+
+@pytest.mark.parametrize("name", PLAIN)
+def test_no_unit_is_read_into_a_name(name: str) -> None:
+    assert name_and_unit(name) == (name, None)
+
+
 def test_a_unit_of_force_is_none_of_torque() -> None:
     """`mN`, with its m forgotten, is no metre-newton."""
     with pytest.raises(InputError, match="torque = 'mN' is not known"):

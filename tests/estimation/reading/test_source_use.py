@@ -10,7 +10,7 @@ import pytest
 from estimation.reading.log_import import ImportedRecording, import_recording
 from estimation.recordings.reading_report import StepKind
 from modeling.errors import InputError
-from tests.shared.log_files import original, plotjuggler, ros_messages, ros_types, two_clocks, write_messages
+from tests.shared.log_files import CHANNELS, original, plotjuggler, ros_messages, ros_types, two_clocks, write_messages
 
 pytest.importorskip("mujoco")
 
@@ -71,6 +71,21 @@ def bag_of(frame: pd.DataFrame, folder: Path, left_out: str) -> Path:
 def test_a_bag_without_a_wrench_names_its_topics(tmp_path: Path) -> None:
     path = bag_of(original().iloc[:50], tmp_path, "/ft/wrench")
     with pytest.raises(InputError, match="no topic of geometry_msgs/WrenchStamped; its topics are /arm/pose, /status"):
+        import_recording([path])
+
+
+def test_a_bag_without_a_motion_says_what_to_record(tmp_path: Path) -> None:
+    """No map of columns would help."""
+    path = bag_of(original().iloc[:50], tmp_path, "/arm/pose")
+    with pytest.raises(InputError, match=r"its topics are /ft/wrench, /status .*record the pose of tool0") as raised:
+        import_recording([path])
+    assert "map" not in str(raised.value)
+
+
+def test_a_log_without_a_motion_says_what_to_log(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    original()[["time", *CHANNELS]].to_csv(path, index=False)
+    with pytest.raises(InputError, match="nothing that tells how the sensor was turned or moved; log its pose"):
         import_recording([path])
 
 
