@@ -134,8 +134,7 @@ TIME_NAMES: tuple[str, ...] = (
     r".*(?:^|[^a-z])time_?stamps?",
     r".*(?:^|[^a-z])(?:time|stamp|zeit|seconds|sec)", r"(?:robot|elapsed|system|unix|epoch).?time", r"time.*", r"clock",
 )  # fmt: skip
-        regex=r"(?P<stem>(?:.*[^a-z])?)(?:angular_?(?:velocity|rate)|gyro(?:scope)?|omega|w)"
-        rf"{_SEP}(?P<part>[xyz])",
+"""Names of the time, best first: the sensor's own stamp in its header, then the recorder's, of receipt."""
 SECONDS, NANOSECONDS = r"(?P<stem>.*(?:^|[^a-z]))secs?", r"(?P<stem>.*(?:^|[^a-z]))n(?:ano)?secs?"
 
 PRESETS: Mapping[str, str] = {

@@ -25,7 +25,7 @@ from estimation.reading.orientation_form import OrientationForm
 from estimation.reading.step_log import StepLog
 from estimation.recordings.column_table import ColumnTable
 from estimation.recordings.reading import recording_from_table
-from estimation.recordings.reading_report import spans
+from estimation.recordings.reading_report import Assumption, spans
 from estimation.recordings.sign_convention import in_sensor_frame
 from estimation.recordings.weight_fit import LEAST_EXPLAINED, RANK_TOLERANCE, weight_fit
 from modeling.errors import InputError
@@ -207,8 +207,8 @@ class FrameCheck:
     def checked(self, columns: dict[str, Array], stamps: Array | None, *, is_moved: bool) -> dict[str, Array]:
         """The columns (n,) at stamps (n,), s, None of static poses, in the reading that the weight shows.
 
-        A clearly better reading of the orientation is named; it is taken where no name stated the order, and no clock
-        was moved (`is_moved`) by the orientation as it was read. Raises InputError for an order that nothing decides.
+        A clearly better order of the quaternion is taken where no name stated it, and no clock was moved (`is_moved`)
+        by the orientation as it was read. Raises InputError for an order that nothing decides.
         """
         group = self.mapping.orientation
         if group is None:
@@ -236,11 +236,12 @@ class FrameCheck:
             self.log.suspicious(evidence.weight_sentence, self.mapping.wrench.table.name)
 
     def _is_better_taken(self, evidence: FrameEvidence, group: ColumnGroup, *, is_moved: bool) -> bool:
-        """Name the better reading; whether it is taken."""
+        """Whether the better reading is taken; where it is stated otherwise, the case of the recording says what is."""
         if evidence.best.meaning != W_FIRST or not self._is_unstated(group) or is_moved:
-            self.log.suspicious(f"{evidence.sentence}; {evidence.best.advice}", group.table.name)
             return False
         self.log.mended(f"no name states the quaternion's order, and {evidence.sentence}; taken so", group.table.name)
+        residuals = f"the residual of the weight is {evidence.best.rms:.3g} N then, else {evidence.as_read.rms:.3g} N"
+        self.log.assumptions.append(Assumption("orientation", "wxyz", residuals))
         return True
 
     def _is_unstated(self, group: ColumnGroup) -> bool:

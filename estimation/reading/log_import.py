@@ -27,6 +27,7 @@ from estimation.recordings.differentiation import spline_derivatives
 from estimation.recordings.motion import CLOCK_OFFSET, QUATERNION
 from estimation.recordings.reading import MIN_POSES, recording_from_table
 from estimation.recordings.reading_report import (
+    Assumption,
     ClockReading,
     IntervalHistogram,
     OffsetReading,
@@ -34,7 +35,6 @@ from estimation.recordings.reading_report import (
     ReadingCurves,
     ReadingReport,
     ReadingStep,
-    TakenUnit,
     UsedColumns,
 )  # fmt: skip
 from estimation.recordings.recording import Recording
@@ -122,7 +122,7 @@ def _imported(paths: Sequence[Path | LogTable], options: ReadingOptions, rig: Ri
         sources=tuple((table.name, table.kind, table.rows, len(table.columns) + len(table.texts)) for table in read),
         used=tuple(si.used), clocks=clocked.clocks, offset=clocked.offset, period=clocked.period, steps=steps,
         samples=clocked.samples, rate=clocked.rate, columns=tuple(columns), held=log.held,
-        units=tuple(log.units), curves=curves,
+        assumptions=tuple(log.assumptions), curves=curves,
     )  # fmt: skip
     return ImportedRecording(name=paths[0].name, columns=columns, report=report)
 
@@ -254,7 +254,7 @@ def _with_rates(columns: dict[str, Array], mapping: ColumnMapping, stated: Colum
         log.suspicious(what, where)
     elif in_degrees:
         log.mended("the angular velocity is in degrees per second", where)
-        log.units.append(TakenUnit("rate", "deg/s", "gravity's direction in the sensor turns by so much less"))
+        log.assumptions.append(Assumption("rate", "deg/s", "gravity's direction in the sensor turns by so much less"))
     return columns
 
 

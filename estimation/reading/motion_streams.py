@@ -14,7 +14,7 @@ from estimation.reading.log_reader import Array, LogTable
 from estimation.reading.orientation_form import UPWARD, OrientationForm, matrix_form, matrix_positions
 from estimation.reading.step_log import StepLog
 from estimation.recordings.motion import QUATERNION
-from estimation.recordings.reading_report import TakenUnit, UsedColumns
+from estimation.recordings.reading_report import Assumption, UsedColumns
 from modeling.errors import InputError, quoted
 
 POSITION = ("px", "py", "pz")
@@ -75,7 +75,7 @@ class SiColumns:
         largest = max(float(np.nanmax(np.abs(column), initial=0.0)) for column in columns.values())
         if largest > LARGEST_JOINT and self._factor("angle", group.columns[0]) == 1.0:
             self.log.mended(f"joint angles up to {largest:.4g}, taken as degrees", group.table.name)
-            self.log.units.append(TakenUnit("angle", "deg", f"joint angles reach {largest:.4g}"))
+            self.log.assumptions.append(Assumption("angle", "deg", f"joint angles reach {largest:.4g}"))
             columns = {name: column * KINDS["angle"]["deg"] for name, column in columns.items()}
         raw = [float(np.nanmax(np.abs(group.table.columns[name]), initial=0.0)) for name in group.columns]
         self._doubt_degrees(max(raw), self._factor("angle", group.columns[0]), group)
@@ -140,7 +140,7 @@ class SiColumns:
         largest = float(np.nanmax(np.abs(values), initial=0.0))
         if factor == 1.0 and largest > LARGEST_TURN:
             self.log.mended(f"angles up to {largest:.4g}, taken as degrees", group.table.name)
-            self.log.units.append(TakenUnit("angle", "deg", f"the angles reach {largest:.4g}"))
+            self.log.assumptions.append(Assumption("angle", "deg", f"the angles reach {largest:.4g}"))
             factor = KINDS["angle"]["deg"]
         else:
             self._doubt_degrees(largest, factor, group)
@@ -150,7 +150,7 @@ class SiColumns:
         largest = max((float(np.nanmax(np.abs(column), initial=0.0)) for column in columns.values()), default=0.0)
         if largest > LARGEST_LEVER and self._factor("position", group.columns[0]) == 1.0:
             self.log.mended(f"positions up to {largest:.4g}, taken as millimetres", group.table.name)
-            self.log.units.append(TakenUnit("position", "mm", f"the positions reach {largest:.4g}"))
+            self.log.assumptions.append(Assumption("position", "mm", f"the positions reach {largest:.4g}"))
             return {name: column * 1e-3 for name, column in columns.items()}
         return columns
 

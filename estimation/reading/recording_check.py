@@ -13,6 +13,7 @@ from estimation.reading.log_reader import Array
 from estimation.reading.motion_evidence import angle_names, impossible_speed, motion_evidence
 from estimation.reading.step_log import StepLog
 from estimation.recordings.column_table import ColumnTable
+from estimation.recordings.motion import MotionForm
 from estimation.recordings.reading import recording_from_table
 from estimation.recordings.reading_report import ReadingReport, spans
 from estimation.recordings.recording import Recording
@@ -123,6 +124,8 @@ def note_motion(recording: Recording, log: StepLog, how: str = "") -> None:
     """Log what the weight and the speed show against the units, axes and orientation as read; `how` to mend it."""
     evidence = motion_evidence(recording)
     if evidence is not None and evidence.is_better:
+        if recording.form is MotionForm.POSE:  # in which frames and units it was logged, its case says
+            return
         mending = how if evidence.best.advice.endswith("in a map") else ""
         log.suspicious(f"{evidence.sentence}; {evidence.best.advice}{mending}", recording.name)
         return

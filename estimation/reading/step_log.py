@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
-from estimation.recordings.reading_report import ReadingStep, Span, StepKind, TakenUnit
+from estimation.recordings.reading_report import Assumption, ReadingStep, Span, StepKind
 from modeling.errors import InputError
 
 
 @dataclass
 class StepLog:
-    """Steps in the order in which they were taken; `held` and `units` as of the report."""
+    """Steps in the order in which they were taken; `held` and `assumptions` as of the report."""
 
     strict: bool = False
     steps: list[ReadingStep] = field(default_factory=list)
     held: dict[str, int] = field(default_factory=dict)
-    units: list[TakenUnit] = field(default_factory=list)
+    assumptions: list[Assumption] = field(default_factory=list)
 
     def taken(self, what: str, where: str, count: int | None = None, total: int | None = None) -> None:
         """Something was read as it stands, or converted as stated."""

@@ -14,7 +14,7 @@ from estimation.reading.log_reader import Array, LogTable
 from estimation.reading.step_log import StepLog
 from estimation.recordings.column_table import LARGEST_VALUE
 from estimation.recordings.reading import is_regular
-from estimation.recordings.reading_report import TakenUnit
+from estimation.recordings.reading_report import Assumption
 from modeling.errors import InputError
 
 EPOCH = (1.0e9, 2.2e9)
@@ -53,7 +53,7 @@ class TimeColumn:
     stamps: Array
     epoch: float
     how: str
-    taken: TakenUnit | None = None
+    taken: Assumption | None = None
 
 
 class TableTimes:
@@ -78,7 +78,7 @@ class TableTimes:
             stamps = np.arange(table.rows) / self.stated.rate
             time = TimeColumn(columns=(), stamps=stamps, epoch=0.0, how=f"{self.stated.rate:g} Hz, as stated")
         if time is not None and time.taken is not None:
-            self.log.units.append(time.taken)
+            self.log.assumptions.append(time.taken)
         if time is not None:
             how = f"{time.how}{_other_time(table, time)}"
             self.log.taken(f"time from {' and '.join(time.columns) or 'no column'}: {how}", table.name)
@@ -233,7 +233,7 @@ def _one(table: LogTable, name: str, factor: float | None, milliseconds: bool) -
     if factor is None:
         factor, how = _recognised_factor(column, name, table.name, milliseconds)
         if "recognised by their step" in how:
-            taken = TakenUnit("time", UNIT_NAMES[factor], f"its steps are {how.rpartition(' ')[2]}, unlikely in s")
+            taken = Assumption("time", UNIT_NAMES[factor], f"its steps are {how.rpartition(' ')[2]}, unlikely in s")
     damaged = int(np.isfinite(table.columns[name]).sum() - np.isfinite(column).sum())
     how += f"; damaged stamps, {damaged}, taken as missing" if damaged else ""
     finite = column[np.isfinite(column)]

@@ -6,16 +6,17 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from estimation.readings.doubted_reading import DoubtedReading
-from estimation.recordings.reading_report import TakenUnit
+from estimation.recordings.reading_report import Assumption
 from estimation.recordings.recording import Recording
 
-UNIT_READINGS = {
-    "position": ("length_unit", "the positions are"),
-    "angle": ("angle_unit", "the angles are"),
-    "rate": ("angle_unit", "the angular velocity is"),
-    "time": ("time_unit", "the time is"),
+ASSUMED = {
+    "position": ("length_unit", "the positions are in"),
+    "angle": ("angle_unit", "the angles are in"),
+    "rate": ("angle_unit", "the angular velocity is in"),
+    "time": ("time_unit", "the time is in"),
+    "orientation": ("orientation_order", "the quaternion is"),
 }
-"""Id of the reading of a unit, and what has it, by the kind that a map calls it."""
+"""Id of the reading that a unit or order is assumed in, and its meaning, by the kind that a map calls it."""
 
 
 def readings_of_logs(recordings: Sequence[Recording]) -> tuple[DoubtedReading, ...]:
@@ -24,7 +25,7 @@ def readings_of_logs(recordings: Sequence[Recording]) -> tuple[DoubtedReading, .
     reports = [recording.reading for recording in recordings if recording.reading is not None]
     readings = [_clock_offset(max(offsets, key=abs))] if offsets else []
     readings += [_polled_twice(report.held) for report in reports if report.held]
-    readings += [_unit(taken) for report in reports for taken in report.units]
+    readings += [_assumed(assumption) for report in reports for assumption in report.assumptions]
     return tuple({(reading.id, str(reading.value)): reading for reading in readings}.values())
 
 
@@ -50,11 +51,12 @@ def _polled_twice(held: Mapping[str, int]) -> DoubtedReading:
     )  # fmt: skip
 
 
-def _unit(taken: TakenUnit) -> DoubtedReading:
-    """A unit that nothing states was taken by the size of the numbers."""
-    identity, noun = UNIT_READINGS[taken.kind]
-    statement = f'units = {{ {taken.kind} = "{taken.unit}" }} in a map'
-    return _of_log(identity, taken.unit, f"{noun} in {taken.unit}", taken.why, statement)
+def _assumed(assumption: Assumption) -> DoubtedReading:
+    """A unit or order that nothing states was taken by the numbers."""
+    identity, meaning = ASSUMED[assumption.kind]
+    line = f'{assumption.kind} = "{assumption.value}"'
+    line = line if assumption.kind == "orientation" else f"units = {{ {line} }}"
+    return _of_log(identity, assumption.value, f"{meaning} {assumption.value}", assumption.why, f"{line} in a map")
 
 
 def _of_log(identity: str, value: Any, meaning: str, why: str, statement: str) -> DoubtedReading:

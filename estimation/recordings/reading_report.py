@@ -206,11 +206,11 @@ class ReadingStep:
 
 
 @dataclass(frozen=True)
-class TakenUnit:
-    """A unit that nothing states, taken by the size of the numbers; `kind` and `unit` as a map calls them, and why."""
+class Assumption:
+    """A unit or order that nothing states, taken by the numbers; `kind` and `value` as a map calls them, and why."""
 
     kind: str
-    unit: str
+    value: str
     why: str
 
 
@@ -311,8 +311,8 @@ def _percent(share: float) -> str:
 class ReadingReport(Tabular):
     """How sources became a recording of `samples` rows at `rate` Hz (None for static poses).
 
-    `held` has the rows for which a quantity is held where that is so of the wrench, `units` those that were taken by
-    the size of the numbers. `curves` are what `tw.plot_reading` draws of the recording; text and JSON are without them.
+    `held` has the rows for which each quantity is held where that is so of the wrench, `assumptions` what nothing
+    states. `curves` are what `tw.plot_reading` draws of the recording; text and JSON are without them.
     """
 
     sources: tuple[tuple[str, str, int, int], ...]
@@ -325,7 +325,7 @@ class ReadingReport(Tabular):
     columns: tuple[str, ...]
     period: PeriodReading | None = None
     held: Mapping[str, int] = field(default_factory=dict)
-    units: tuple[TakenUnit, ...] = ()
+    assumptions: tuple[Assumption, ...] = ()
     curves: ReadingCurves | None = field(default=None, compare=False)
 
     def of(self, kind: StepKind) -> tuple[ReadingStep, ...]:

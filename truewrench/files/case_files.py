@@ -13,6 +13,7 @@ import numpy as np
 
 from estimation.case import Case
 from estimation.reading.log_reading import read_with_rig
+from estimation.reading.motion_evidence import motion_evidence
 from estimation.readings.of_log import readings_of_logs
 from estimation.recordings.motion import MotionForm
 from estimation.recordings.recording import Recording, require_different_readings
@@ -139,7 +140,6 @@ def _require_one_sensor(recordings: Sequence[Recording]) -> None:
 
 # ------------------------------------------------------------------ sign convention and gravity, in words
 
-FRAMES = "Frames: force and torque along the sensor frame's axes, about its origin"
 MEANINGS = {
     Convention.ON_TOOL: "the wrench that the sensor exerts on the tool (on_tool)",
     Convention.ON_SENSOR: "the wrench that the tool exerts on the sensor (on_sensor)",
@@ -189,7 +189,7 @@ def frame_sentences(case: Case, *, detailed: bool = False) -> list[str]:
     """What the data decided of frames: gravity's direction, the sign convention; `detailed`, with its estimates."""
     sentences = [] if case.sign is None else [convention_sentence(case.sign, detailed=detailed)]
     readings = [doubted.sentence for doubted in case.readings]
-    if not all(doubted.of_log for doubted in case.readings):
+    if not all(doubted.of_log and doubted.adopted for doubted in case.readings):
         return [*readings, *([] if case.misread else sentences)]
     if case.doubted is not None:
         return [*readings, case.doubted.not_applied, *sentences]
@@ -232,9 +232,15 @@ def imported_frames(recording: Recording) -> dict[str, Any]:
         case = Case.of((planar if recording.dimension == 2 else spatial)(recording.rig), [recording])
     except InputError as error:
         undecided = f"Sign convention: undecided ({error.what}); {error.remedy}."
-        return {"frames": [axes, *(sign or [undecided])], "readings": []}
+        evidence, of_log = motion_evidence(recording), readings_of_logs([recording])
+        doubts = [] if evidence is None or not evidence.is_better else [f"{evidence.sentence}; {evidence.best.advice}."]
+        return {
+            "frames": [axes, *(doubted.sentence for doubted in of_log), *(sign or [undecided]), *doubts],
+            "readings": [doubted.to_data() for doubted in of_log],
+        }
     readings = [doubted.sentence for doubted in case.readings]
-    gravity = [] if case.gravity is None or readings else [case.gravity.sentence]
+    is_of_log = all(doubted.of_log and doubted.adopted for doubted in case.readings)
+    gravity = [case.gravity.sentence] if case.gravity is not None and is_of_log else []
     decided = [] if case.sign is None or case.misread else [convention_sentence(case.sign, detailed=True)]
     return {
         "frames": [axes, *readings, *gravity, *(sign or decided)],

@@ -106,7 +106,7 @@ def test_an_accelerometer_with_a_gyroscope_serves_for_a_pose(
     vectors = np.hstack([force * inertial()[0], rate * inertial()[1]])
     recording = read(written(tmp_path / "log.csv", names, vectors, run()[["time", *CHANNELS]]))
     assert recording.reading is not None
-    assert [taken.unit for taken in recording.reading.units] == (["deg/s"] if rate > 1 else [])
+    assert [assumption.value for assumption in recording.reading.assumptions] == (["deg/s"] if rate > 1 else [])
     tool = fit(spatial(), recording).values
     assert tool["m"] == pytest.approx(1.2, rel=1e-3)
     truth = fit(spatial(), recording_of(run())).values

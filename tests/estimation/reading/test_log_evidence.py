@@ -12,6 +12,7 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
+from estimation.case import Case
 from estimation.fit import fit
 from estimation.reading.column_map import ColumnMap
 from estimation.reading.frame_check import LEAST_SHARE, ROLLED, deviations
@@ -132,16 +133,17 @@ def test_a_named_order_is_advised_and_an_unnamed_one_taken(tmp_path: Path) -> No
     )
     path = tmp_path / "log.csv"
     named.to_csv(path, index=False)
-    said = [str(step) for step in imported(path).report.of(StepKind.SUSPICIOUS)]
-    assert len(said) == 1
-    assert "the quaternion is w x y z: the mass is 1.2" in said[0]
-    assert 'state orientation = "wxyz" in a map' in said[0]
+    (doubted,) = Case.of(spatial(), [imported(path).recording()]).readings
+    assert (doubted.id, doubted.value, doubted.adopted) == ("orientation_order", "wxyz", False)
+    assert 'orientation = "wxyz" in a map' in doubted.statement
     right = imported(path, map=ColumnMap.of({"orientation": "wxyz"}))
     assert not right.report.of(StepKind.SUSPICIOUS)
     numbered = named.rename(columns={name: f"quat[{i}]" for i, name in enumerate(QUATERNION)})
     numbered.to_csv(path, index=False)
     taken = imported(path)
     assert any("taken so" in step.what for step in taken.report.of(StepKind.MENDED))
+    (doubted,) = Case.of(spatial(), [taken.recording()]).readings
+    assert (doubted.id, doubted.value, doubted.adopted) == ("orientation_order", "wxyz", True)
     for found in (right, taken):
         turned = np.stack([found.columns[name] for name in QUATERNION], axis=1)
         np.testing.assert_allclose(np.abs((turned * frame[QUATERNION].to_numpy()).sum(axis=1)), 1.0, atol=1e-12)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
@@ -12,11 +13,15 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
+from estimation.case import Case
 from estimation.reading.column_map import ColumnMap
 from estimation.reading.log_reader import Array
 from estimation.reading.log_reading import imported, read
+from estimation.readings.doubted_reading import DoubtedReading
 from estimation.recordings.reading_report import ReadingReport, StepKind
 from estimation.recordings.sign_convention import decide_convention
+from modeling.chain.model import planar as planar_model
+from modeling.chain.model import spatial
 from modeling.errors import InputError
 from modeling.rig import Rig
 from tests.shared.log_files import QUATERNION, original, w_first
@@ -143,9 +148,9 @@ MISTAKES: dict[str, tuple[Callable[[Columns], Columns], tuple[str, ...], str, st
     "stamp": (lambda c: renamed(c, "time", "header.stamp"), RUNS, "header.stamp increases", "name it time"),
     "no time": (lambda c: {n: v for n, v in c.items() if n != "time"}, RUNS, "a run without its time", "rate = 500"),
     "degrees": (lambda c: scaled(c, ANGLES, 180 / np.pi), ("planar",), "angles are in degrees", "angle = .deg."),
-    "millimetres": (lambda c: scaled(c, POSITION, 1e3), ("six axes",), "in millimetres", "position = .mm."),
+    "millimetres": (lambda c: scaled(c, POSITION, 1e3), ("six axes",), "position is in mm", "position = .mm."),
     "w first": (w_first, SPATIAL, "quaternion is w x y z", "orientation = .wxyz."),
-    "inverse": (lambda c: {**c, "qw": -c["qw"]}, SPATIAL, "base's in the sensor", "orientation_of = .base."),
+    "inverse": (lambda c: {**c, "qw": -c["qw"]}, SPATIAL, "that of the base in the sensor", "orientation_of = .base."),
     "base axes": (turned, EVERY, "along base axes", "sensor's axes|wrench_axes = .base."),
     "compensated": (compensated, EVERY, "compensated already", "by contact"),
     "saturated": (clipped, EVERY, "fy stays at its extreme value", "saturated"),
@@ -160,12 +165,18 @@ CASES = [
 
 
 def said(path: Path, *, planar: bool) -> str:
-    """What is suspicious or wrong in a file of FORMATS' columns."""
+    """What is suspicious or wrong in a file of FORMATS' columns, and the readings of its case."""
+    rig = ARM if planar else None
     try:
-        report = read(path, rig=ARM if planar else None).reading
+        recording = read(path, rig=rig)
     except InputError as error:
         return str(error)
-    return "" if report is None else "\n".join(map(str, report.of(StepKind.SUSPICIOUS)))
+    report, model = recording.reading, planar_model(rig) if planar else spatial(rig)
+    readings: tuple[DoubtedReading, ...] = ()
+    with suppress(InputError):
+        readings = Case.of(model, [recording]).readings
+    suspicious = () if report is None else report.of(StepKind.SUSPICIOUS)
+    return "\n".join([*map(str, suspicious), *(doubted.sentence for doubted in readings)])
 
 
 @pytest.mark.parametrize(("mistake", "name"), CASES)
@@ -265,14 +276,15 @@ def test_an_inverse_homogeneous_matrix_is_inverted_with_its_position(tmp_path: P
 def test_a_command_names_the_mistake_in_one_line(
     convention: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """As a warning beside what it gives, or in the error of a mass that comes out negative."""
+    """Before what it gives, whatever sign of the weight was stated."""
     path = written(w_first(columns_of("poses")), tmp_path)
     rig = tmp_path / "rig.toml"
     rig.write_text(f'[sensor]\nconvention = "{convention}"\n')
     main(["fit", str(path), "--rig", str(rig)])
-    lines = capsys.readouterr().err.splitlines()
-    assert len(lines) == 1
-    assert "the quaternion is w x y z: the mass is 1.2 kg then" in lines[0]
+    first, *lines = capsys.readouterr().out.splitlines()
+    assert "read wrongly: the quaternion is w x y z" in first
+    assert "with a mass of 1.199 kg" in first
+    assert not any("w x y z" in line for line in lines)
 
 
 # ------------------------------------------------------------------------------------- convention
