@@ -122,9 +122,15 @@ def _imported(paths: Sequence[Path | LogTable], options: ReadingOptions, rig: Ri
         sources=tuple((table.name, table.kind, table.rows, len(table.columns) + len(table.texts)) for table in read),
         used=tuple(si.used), clocks=clocked.clocks, offset=clocked.offset, period=clocked.period, steps=steps,
         samples=clocked.samples, rate=clocked.rate, columns=tuple(columns), held=log.held,
-        assumptions=tuple(log.assumptions), curves=curves,
+        assumptions=tuple(log.assumptions), euler=_euler(mapping), curves=curves,
     )  # fmt: skip
     return ImportedRecording(name=paths[0].name, columns=columns, report=report)
+
+
+def _euler(mapping: ColumnMapping) -> str:
+    """The convention of Euler angles; empty for any other orientation."""
+    group = mapping.orientation
+    return "" if group is None or group.form is None else group.form.angles
 
 
 def _column_map(options: ReadingOptions, rig: Rig | None) -> ColumnMap:

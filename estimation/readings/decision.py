@@ -279,7 +279,9 @@ def shown_reading(recordings: Sequence[Recording], model: WrenchModel, stated: C
     stood = model.gravity_direction is not None
     hangs = MotionReading(gravity=up, mistake="inertia_sign" if stood else "", meaning=INERTIA_SIGN if stood else "")
     others = [hangs] if model.gravity_direction in (None, tuple(-c + 0.0 for c in up)) else []
-    others += [m for m in motion_readings(model.space.value) if all(m.applies_to(r) for r in recordings)]
+    conventions = {"" if r.reading is None else r.reading.euler for r in recordings}
+    possible = motion_readings(model.space.value, conventions.pop() if len(conventions) == 1 else "")
+    others += [m for m in possible if all(m.applies_to(r) for r in recordings)]
     if all(SHIFTED.applies_to(recording) for recording in recordings):
         others.append(replace(SHIFTED, shift=fitted_shift(recordings, tool, axes_as_read)))
     every = [

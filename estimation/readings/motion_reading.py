@@ -8,8 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from itertools import permutations
 from math import pi
 from typing import TYPE_CHECKING
+from warnings import catch_warnings, simplefilter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -244,6 +246,30 @@ SPATIAL = (
 )  # fmt: skip
 
 
-def motion_readings(dimension: int) -> tuple[MotionReading, ...]:
-    """The mistakes with a motion in the plane or in six axes; as it was read is none."""
-    return (*UNITS, COMPENSATED, *(PLANAR if dimension == 2 else SPATIAL))
+def motion_readings(dimension: int, euler: str = "") -> tuple[MotionReading, ...]:
+    """The mistakes with a motion in the plane or in six axes; as it was read is none.
+
+    `euler` names the convention by which Euler angles were read, where it is known: then every other one is tried.
+    """
+    if dimension == 2:
+        return (*UNITS, COMPENSATED, *PLANAR)
+    if not euler:
+        return (*UNITS, COMPENSATED, *SPATIAL)
+    others = [reading for reading in SPATIAL if reading.mistake != "euler_convention"]
+    orders = ["".join(order) for axes in ("xyz", "XYZ") for order in permutations(axes)]
+    return (*UNITS, COMPENSATED, *others, *(_euler_angles(order, euler) for order in orders if order != euler))
+
+
+def _euler_angles(meant: str, read: str) -> MotionReading:
+    """Euler angles of a convention that were read by another one, capitals about moving axes."""
+
+    def mended(rotation: Rotation) -> Rotation:
+        with catch_warnings():  # where two angles turn about one axis, any of them that give the rotation will do
+            simplefilter("ignore", UserWarning)
+            return Rotation.from_euler(meant, rotation.as_euler(read))
+
+    axes = "moving" if meant.isupper() else "fixed"
+    return MotionReading(
+        mistake="euler_convention", detail=meant, orientation=mended, map_line=f'orientation = "euler {meant}"',
+        meaning=f"the angles are about {axes} axes, in the order {meant}",
+    )  # fmt: skip

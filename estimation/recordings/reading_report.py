@@ -312,7 +312,8 @@ class ReadingReport(Tabular):
     """How sources became a recording of `samples` rows at `rate` Hz (None for static poses).
 
     `held` has the rows for which each quantity is held where that is so of the wrench, `assumptions` what nothing
-    states. `curves` are what `tw.plot_reading` draws of the recording; text and JSON are without them.
+    states, `euler` the convention by which Euler angles were read. `curves` are what `tw.plot_reading` draws of the
+    recording; text and JSON are without them.
     """
 
     sources: tuple[tuple[str, str, int, int], ...]
@@ -326,6 +327,7 @@ class ReadingReport(Tabular):
     period: PeriodReading | None = None
     held: Mapping[str, int] = field(default_factory=dict)
     assumptions: tuple[Assumption, ...] = ()
+    euler: str = ""
     curves: ReadingCurves | None = field(default=None, compare=False)
 
     def of(self, kind: StepKind) -> tuple[ReadingStep, ...]:

@@ -20,6 +20,7 @@ from estimation.reading.frame_evidence import FrameEvidence, frame_evidence, sam
 from estimation.reading.log_import import ImportedRecording
 from estimation.reading.log_reader import Array
 from estimation.reading.log_reading import imported
+from estimation.readings.doubted_reading import DoubtedReading
 from estimation.recordings.reading_report import StepKind
 from modeling.chain.model import spatial
 from modeling.errors import InputError
@@ -325,3 +326,23 @@ def test_the_arm_that_was_tapped_and_touched(name: str, deviates: bool) -> None:
     assert ("contact, or another effect" in said) == deviates
     masses = [float(mass) for mass in re.findall(r"about (\S+) kg", said)]
     assert masses == pytest.approx([0.934] * len(masses), rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("meant", "stated"), [("xyz", "XYZ"), ("XYZ", "xyz"), ("xyz", "ZYX"), ("ZYX", "xyz"), ("yxz", "XYZ")]
+)
+def test_another_convention_of_euler_angles_is_named(meant: str, stated: str, tmp_path: Path) -> None:
+    """Of all orders, about fixed axes (small letters) and moving ones, with the line of the map that states it."""
+    frame = static_poses(SpatialRig(), 24, seed=3)
+    angles = Rotation.from_quat(frame[QUATERNION].to_numpy(copy=True)).as_euler(meant, degrees=True)
+    names = ["roll", "pitch", "yaw"]
+    frame.drop(columns=QUATERNION).assign(**dict(zip(names, angles.T, strict=True))).to_csv(tmp_path / "log.csv")
+
+    def readings(convention: str) -> tuple[DoubtedReading, ...]:
+        form = {"orientation": f"euler {convention}", "orientation_columns": names, "units": {"angle": "deg"}}
+        return Case.of(spatial(), [imported(tmp_path / "log.csv", map=ColumnMap.of(form)).recording()]).readings
+
+    (doubted,) = readings(stated)
+    assert (doubted.id, doubted.value) == ("euler_convention", meant)
+    assert f'orientation = "euler {meant}" in a map' in doubted.statement
+    assert not readings(meant)
