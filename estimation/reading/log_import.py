@@ -174,7 +174,8 @@ def _on_one_clock(
     series[0] = replace(series[0], columns={**series[0].columns, STAMP: series[0].instants})
     common = on_one_clock(
         series, stated.offset if options.clock_offset is None else options.clock_offset, options.period, rig, log,
-        logged.one_clock, options.one_run, same_stamps=have_same_stamps(logged.streams),
+        logged.one_clock, options.one_run, same_stamps=have_same_stamps(logged.streams), polled=logged.polled,
+        hold=not groups[0][0].base_axes and stated.axes != "base",
     )  # fmt: skip
     columns = dict(common.columns)
     stamps = columns.pop(STAMP)

@@ -21,7 +21,7 @@ from estimation.recordings.column_table import (
     table_from_file,
     table_from_frame,
 )
-from estimation.recordings.differentiation import held_rows
+from estimation.recordings.differentiation import TrueSamples, held_rows
 from estimation.recordings.motion import QUATERNION
 from estimation.recordings.reading import read as read_recording
 from estimation.recordings.reading import recording_from_table
@@ -222,9 +222,11 @@ def is_polled(table: ColumnTable) -> bool:
     again = np.flatnonzero(np.diff(table.columns["time"]) == 0)
     if again.size and all((column[again] == column[again + 1]).all() for column in table.columns.values()):
         return True
-    changed, held = held_rows((table.columns[name] for name in channels), len(table))
-    holds = np.diff(np.flatnonzero(changed))
-    return held > 1 and float(holds.std()) < EVEN_HOLDS * float(holds.mean())
+    wrench = [table.columns[name] for name in channels]
+    if TrueSamples.of(wrench, 1.0, len(table)) is None:
+        return False
+    holds = np.diff(np.flatnonzero(held_rows(wrench, len(table))[0]))
+    return float(holds.std()) < EVEN_HOLDS * float(holds.mean())
 
 
 def has_vertical_alone(table: ColumnTable) -> bool:

@@ -16,7 +16,7 @@ from estimation.reading.sample_mending import Index, Stream
 from estimation.reading.step_log import StepLog
 from estimation.reading.time_column import TableTimes
 from estimation.recordings.column_table import LARGEST_VALUE
-from estimation.recordings.differentiation import held_rows
+from estimation.recordings.differentiation import TrueSamples, held_rows
 from estimation.recordings.motion import CLOCK_OFFSET, MotionForm, motion_columns
 from estimation.recordings.reading_report import Span, spans
 from modeling.errors import InputError, cut
@@ -56,6 +56,7 @@ class LogStreams:
         self.groups, self.times, self.stated, self.log, self.one_run = groups, times, stated, log, one_run
         self.epoch = times.epoch([group.table for group, _ in groups])
         self.one_clock = True
+        self.late: dict[int, Array] = {}
         self.streams = self._together()
         if Quantity.WRENCH.value not in log.held:  # a motion alone is often logged more slowly, and no wonder
             log.held.clear()
@@ -91,6 +92,7 @@ class LogStreams:
                 what=f"{group.title} has no samples", where=group.table.name, remedy="give a log that has them"
             )
         changed, held = held_rows((column[complete] for column in columns.values()), len(complete))
+        self._note_late(group.table, columns, complete)
         share = 1 - float(changed.mean())
         total = len(complete)
         if held:
@@ -108,6 +110,22 @@ class LogStreams:
             self.log.suspicious(what, group.table.name, total - int(changed.sum()), total, at, columns)
         return rows
 
+    def _note_late(self, table: LogTable, columns: Mapping[str, Array], complete: Index) -> None:
+        """Keep by how many rows each new value of held columns is older than its row; a row has the latest one."""
+        true = TrueSamples.of((column[complete] for column in columns.values()), 1.0, len(complete))
+        if true is not None:
+            late = np.zeros(table.rows)
+            late[complete[true.rows]] = true.rows - true.instants
+            self.late |= {id(column): late for column in columns.values()}
+
+    @property
+    def polled(self) -> float | None:
+        """Step of the rows, s, of which wrench and motion were polled each when it had new values; None if not so."""
+        if not self.log.held or len(self.streams) < 2 or not self.one_clock:
+            return None
+        steps = np.diff(self._stamps(self.groups[0][0].table))
+        return float(np.median(steps[steps > 0]))
+
     def _stamps(self, table: LogTable) -> Array:
         """Stamps (n,) of a table's rows, s since the epoch of all."""
         time = self.times.of(table)
@@ -122,6 +140,9 @@ class LogStreams:
         holder = next(set(columns_of) for group, columns_of in self.groups if group.table is table)
         full = {**columns, **(self._auxiliary(table) if holder <= set(columns) else {})}
         stamps = self._stamps(table)
+        late = self.late.get(id(next(iter(columns.values()))))
+        if late is not None:
+            stamps = stamps - late * float(np.nanmedian(np.diff(stamps)))
         if not rows.all():
             kept = np.flatnonzero(rows | ~np.isfinite(stamps))
             self._note_rows(table, rows, len(kept), stamps)

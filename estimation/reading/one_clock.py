@@ -14,6 +14,7 @@ from estimation.reading.repeat_cutting import CutSeries, aligned_runs, cut_into_
 from estimation.reading.sample_mending import ROUNDING, Series, Stream, interpolated_position, interpolated_quaternion
 from estimation.reading.step_log import StepLog
 from estimation.recordings.column_table import ColumnTable
+from estimation.recordings.differentiation import TrueSamples
 from estimation.recordings.motion import QUATERNION
 from estimation.recordings.motion_period import FEWEST_SAMPLES
 from estimation.recordings.reading import recording_from_table
@@ -30,6 +31,8 @@ CLIPPED = 0.05
 """Of a sample: by so much a sample of the wrench may lie outside the motion, which is taken as its end then."""
 FEW_MISSING = 0.2
 """Share of a column's cells below which empty ones are interpolated; of more the column would be invented."""
+SLOWER = 1.5
+"""Steps of the wrench from which on a motion is slower, and is held for two rows or more as a rule."""
 ZERO_STD = 2
 """Standard deviations: an offset within 95 % of zero is none."""
 NAMED_OFFSETS = 3
@@ -55,11 +58,15 @@ def on_one_clock(
     shared: bool,
     whole: bool = False,
     same_stamps: bool = False,
+    polled: float | None = None,
+    hold: bool = False,
 ) -> CommonClock:
     """All series at the instants of the first, which holds the wrench: that is the one with noise to keep white.
 
     Cut into repeats where the motion has a period; `whole` keeps one run. With the `same_stamps` in both, somebody has
-    brought them onto one clock: an offset is estimated and said, and not applied.
+    brought them onto one clock: an offset is estimated and said, and not applied. Of series that were `polled` by the
+    rows of one log, s, each may be older than its row: an offset within one is estimated. With `hold` those that are
+    slower than the wrench are not interpolated, but held, as the motion of a recording is rebuilt of its true samples.
 
     Motion of other series is interpolated there by cubic splines, orientation on the sphere; other columns linearly.
     """
@@ -69,20 +76,30 @@ def on_one_clock(
         offset = OffsetReading(offset=stated_offset, std=0.0, applied=True, correlation=1.0)
     elif others and not shared:
         offset = _estimated(wrench, others, rig, log, same_stamps)
+    elif others and polled is not None:
+        estimate = _estimated(wrench, others, rig, StepLog(), same_stamps=False)
+        is_of_polling = estimate is not None and estimate.applied and abs(estimate.offset) <= polled
+        offset = estimate if is_of_polling else None
     shift = offset.offset if offset is not None and offset.applied else 0.0
     if shift:
         text = f"stamps of the wrench moved by {-shift * 1e3:.4g} ms"
         log.mended(text, wrench.where, wrench.samples)
     columns = dict(wrench.columns)
     if others:
-        columns = _with_motion(columns, wrench, others, wrench.instants - shift, log)
+        columns = _with_motion(columns, wrench, others, wrench.instants - shift, log, hold=hold and shared)
     columns = _finite(columns, wrench.where, log)
     cut = _cut(columns, wrench, period, log, whole=whole)
     return CommonClock(columns=cut.columns, rate=1 / cut.dt, offset=offset, period=cut.period)
 
 
 def _with_motion(
-    columns: Mapping[str, Array], wrench: Series, others: Sequence[Series], instants: Array, log: StepLog
+    columns: Mapping[str, Array],
+    wrench: Series,
+    others: Sequence[Series],
+    instants: Array,
+    log: StepLog,
+    *,
+    hold: bool,
 ) -> dict[str, Array]:
     """Columns of the wrench, those of other series beside them, at its instants (n,) that all of them cover."""
     slack = CLIPPED * wrench.dt
@@ -95,6 +112,13 @@ def _with_motion(
         raise InputError(what=what, where=wrench.where, remedy=remedy)
     joined = {name: column[inside] for name, column in columns.items()}
     for one in others:
+        if hold and one.dt > SLOWER * wrench.dt:
+            latest = np.searchsorted(one.instants, instants[inside] + slack, side="right") - 1
+            held = {name: column[np.maximum(latest, 0)] for name, column in one.columns.items()}
+            if TrueSamples.of(held.values(), wrench.dt, int(inside.sum())) is not None:
+                joined |= held
+                log.taken(f"held from {1 / one.dt:.6g} Hz, to be rebuilt", one.where, int(inside.sum()))
+                continue
         joined |= _at(one, instants[inside])
         log.taken(f"interpolated from {1 / one.dt:.6g} Hz at the samples of the wrench", one.where, int(inside.sum()))
     return joined

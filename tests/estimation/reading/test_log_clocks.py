@@ -385,14 +385,14 @@ def test_a_held_wrench_is_used_where_it_is_new(held: int, tmp_path: Path) -> Non
     assert any(f"held for {held} rows" in step.what for step in found.report.of(StepKind.MENDED))
 
 
-def test_a_held_pose_is_interpolated(tmp_path: Path) -> None:
+def test_a_held_pose_is_rebuilt(tmp_path: Path) -> None:
     frame = part().copy()
     columns = [*QUATERNION, *POSITION]
     frame[columns] = frame[columns].iloc[np.arange(len(frame)) // 5 * 5].to_numpy()
     found = imported(written(frame, tmp_path))
     assert found.report.rate == pytest.approx(250.0)
     expected = part()["px"].to_numpy()[: found.report.samples]
-    np.testing.assert_allclose(found.columns["px"], expected, atol=5e-6)
+    np.testing.assert_allclose(found.recording().signals["px"], expected, atol=5e-6)
 
 
 def test_jitter_is_believed_less_than_the_clock(tmp_path: Path) -> None:

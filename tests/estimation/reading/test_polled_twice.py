@@ -70,6 +70,47 @@ def test_no_delay_is_seen_and_a_true_one_is(wrench: int, motion: int) -> None:
     assert late.steps[-1].fit.values["time_delay.delay"] == pytest.approx(0.012, abs=2e-4)
 
 
+@cache
+def fine() -> pd.DataFrame:
+    """The run at 4 kHz, of which others take samples."""
+    frame = simulate(RIG, RIG.random_motion(seed=3, period=10.0), repeats=1, samples_per_period=40_000, seed=5)
+    return frame.drop(columns=["repeat", "temperature"])
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("rows", "wrench", "pose", "late"),
+    [
+        (385, 192.5, 192.5, 0.0013),
+        (385, 190, 190, 0.003),
+        (500, 500, 120, 0.0),
+        (1000, 480, 130, 0.001),
+        (250, 125, 100, 0.004),
+    ],
+)
+def test_no_delay_is_seen_of_clocks_that_run_by_themselves(
+    rows: float, wrench: float, pose: float, late: float
+) -> None:
+    """Rows with the latest values of wrench and pose, at rates in Hz, the pose `late` by so many s."""
+    instants = np.arange(0.05, 9.9, 1 / rows)
+    columns = {"time": instants}
+    for name in fine().columns[1:]:
+        rate, start = (wrench, 0.0) if name in CHANNELS else (pose, late)
+        taken = np.floor((instants - start) * rate) / rate + start
+        columns[name] = fine()[name].to_numpy()[np.round(4000 * taken).astype(int)]
+    recording = from_dataframe(pd.DataFrame(columns))
+    effects = [named(i) for i in ("time_delay", "sensor_lag", "viscous_drag")]
+    assert diagnose(spatial(), recording, effects=effects).verdict is RecordVerdict.NOTHING_MISSING
+
+
+@pytest.mark.parametrize("size", [0.02, 0.1, 0.5, 2.0])
+def test_a_coarse_resolution_is_not_polled(size: float) -> None:
+    """Of all channels alike, N and N m, so that one of 2 changes a few times only."""
+    frame = run()
+    coarse = frame.assign(**{channel: np.round(frame[channel] / size) * size for channel in CHANNELS})
+    assert from_dataframe(coarse, one_run=True).samples == len(frame)
+
+
 def test_rows_that_were_written_twice_are_left_out(tmp_path: Path) -> None:
     frame, path = run(), tmp_path / "log.csv"
     pd.concat([frame, frame.iloc[::50]]).sort_values("time").to_csv(path, index=False)
