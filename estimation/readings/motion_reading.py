@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from itertools import permutations
 from math import pi
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from warnings import catch_warnings, simplefilter
 
 import numpy as np
@@ -263,10 +263,12 @@ def motion_readings(dimension: int, euler: str = "") -> tuple[MotionReading, ...
 def _euler_angles(meant: str, read: str) -> MotionReading:
     """Euler angles of a convention that were read by another one, capitals about moving axes."""
 
+    sequence: Any = read  # SciPy's stubs list them one by one
+
     def mended(rotation: Rotation) -> Rotation:
         with catch_warnings():  # where two angles turn about one axis, any of them that give the rotation will do
             simplefilter("ignore", UserWarning)
-            return Rotation.from_euler(meant, rotation.as_euler(read))
+            return Rotation.from_euler(meant, rotation.as_euler(sequence))
 
     axes = "moving" if meant.isupper() else "fixed"
     return MotionReading(

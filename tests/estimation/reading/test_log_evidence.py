@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -331,7 +332,7 @@ def test_the_arm_that_was_tapped_and_touched(name: str, deviates: bool) -> None:
 @pytest.mark.parametrize(
     ("meant", "stated"), [("xyz", "XYZ"), ("XYZ", "xyz"), ("xyz", "ZYX"), ("ZYX", "xyz"), ("yxz", "XYZ")]
 )
-def test_another_convention_of_euler_angles_is_named(meant: str, stated: str, tmp_path: Path) -> None:
+def test_another_convention_of_euler_angles_is_named(meant: Any, stated: str, tmp_path: Path) -> None:
     """Of all orders, about fixed axes (small letters) and moving ones, with the line of the map that states it."""
     frame = static_poses(SpatialRig(), 24, seed=3)
     angles = Rotation.from_quat(frame[QUATERNION].to_numpy(copy=True)).as_euler(meant, degrees=True)

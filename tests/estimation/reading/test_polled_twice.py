@@ -39,7 +39,7 @@ def held(frame: pd.DataFrame, rows: int, wrench: int = 0, motion: int = 0) -> pd
         first = wrench if name in CHANNELS else motion
         return frame[name].to_numpy()[np.maximum((number - first) // rows * rows + first, 0)]
 
-    return frame.assign(**{name: kept(name) for name in frame if name not in ("time", "repeat")})
+    return frame.assign(**{name: kept(name) for name in map(str, frame) if name not in ("time", "repeat")})
 
 
 @pytest.mark.parametrize("repeats", [1, 2])
