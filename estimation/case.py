@@ -100,7 +100,9 @@ class Case:
             return case
         from estimation.readings.of_log import readings_of_logs  # a streamed fit has none
 
-        return replace(case, readings=(*readings_of_logs(several), *case.readings))
+        shown = {reading.id for reading in case.readings}
+        of_logs = [r for r in readings_of_logs(several) if r.adopted or not (as_read or r.id in shown)]
+        return replace(case, readings=(*of_logs, *case.readings))
 
     @classmethod
     def _of(

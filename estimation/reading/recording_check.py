@@ -15,7 +15,7 @@ from estimation.reading.step_log import StepLog
 from estimation.recordings.column_table import ColumnTable
 from estimation.recordings.motion import MotionForm
 from estimation.recordings.reading import recording_from_table
-from estimation.recordings.reading_report import ReadingReport, spans
+from estimation.recordings.reading_report import Assumption, ReadingReport, spans
 from estimation.recordings.recording import Recording
 from estimation.recordings.repeat_motion import NO_REPEATS, largest_deviation
 from modeling.errors import InputError
@@ -95,6 +95,8 @@ def _runs(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return np.asarray(np.concatenate([pairs, [False]]) | np.concatenate([[False], pairs]))
 
 
+PROPOSED = {"the angles are in degrees": ("angle", "deg"), "the wrench is along base axes": ("wrench_axes", "base")}
+"""What the weight may show of joint logs and planar ones, so that a verdict on them is withheld."""
 BY_IMPORT = ", and bring the recording in by `truewrench import --map` or `tw.read(..., map=...)`"
 
 
@@ -107,15 +109,17 @@ def checked(recording: Recording) -> Recording:
     )
     note_motion(recording, log, BY_IMPORT)
     note_repeats(recording, log)
-    if not log.steps:
+    if not log.steps and not log.assumptions:
         return recording
     if recording.reading is not None:
-        return replace(recording, reading=replace(recording.reading, steps=(*recording.reading.steps, *log.steps)))
+        steps = (*recording.reading.steps, *log.steps)
+        assumptions = (*recording.reading.assumptions, *log.assumptions)
+        return replace(recording, reading=replace(recording.reading, steps=steps, assumptions=assumptions))
     columns = (*(() if recording.time is None else ("time",)), *recording.columns, *recording.channels)
     report = ReadingReport(
         sources=((recording.name, "recording", recording.samples, len(columns)),), used=(), clocks=(), offset=None,
         steps=tuple(log.steps), samples=recording.samples, rate=None if recording.dt is None else 1 / recording.dt,
-        columns=columns,
+        columns=columns, assumptions=tuple(log.assumptions),
     )  # fmt: skip
     return replace(recording, reading=report)
 
@@ -127,6 +131,12 @@ def note_motion(recording: Recording, log: StepLog, how: str = "") -> None:
         if recording.form is MotionForm.POSE:  # in which frames and units it was logged, its case says
             return
         mending = how if evidence.best.advice.endswith("in a map") else ""
+        if evidence.best.meaning in PROPOSED:
+            kind, value = PROPOSED[evidence.best.meaning]
+            why = evidence.sentence.removeprefix(f"{evidence.best.meaning}: ")
+            remedy = f"{evidence.best.advice.removeprefix('state ')}{mending}"
+            log.assumptions.append(Assumption(kind, value, why, adopted=False, remedy=remedy))
+            return
         log.suspicious(f"{evidence.sentence}; {evidence.best.advice}{mending}", recording.name)
         return
     if evidence is not None and evidence.shows_no_weight:

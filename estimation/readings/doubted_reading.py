@@ -55,7 +55,7 @@ class DoubtedReading:
     @property
     def sentence(self) -> str:
         """What is doubted, the evidence, and how it is stated."""
-        if self.of_log:
+        if self.of_log and self.adopted:
             return f"Read so that {self.meaning}: {self.shown_by}. Remedy: {self.statement}."
         if self.adopted and self.mends:
             return (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from estimation.readings.doubted_reading import DoubtedReading
@@ -15,6 +16,7 @@ ASSUMED = {
     "rate": ("angle_unit", "the angular velocity is in"),
     "time": ("time_unit", "the time is in"),
     "orientation": ("orientation_order", "the quaternion is"),
+    "wrench_axes": ("wrench_axes", "forces and torques are along the axes of the"),
 }
 """Id of the reading that a unit or order is assumed in, and its meaning, by the kind that a map calls it."""
 
@@ -52,11 +54,13 @@ def _polled_twice(held: Mapping[str, int]) -> DoubtedReading:
 
 
 def _assumed(assumption: Assumption) -> DoubtedReading:
-    """A unit or order that nothing states was taken by the numbers."""
+    """A unit, order or frame that nothing states was taken by the numbers, or is proposed."""
     identity, meaning = ASSUMED[assumption.kind]
     line = f'{assumption.kind} = "{assumption.value}"'
-    line = line if assumption.kind == "orientation" else f"units = {{ {line} }}"
-    return _of_log(identity, assumption.value, f"{meaning} {assumption.value}", assumption.why, f"{line} in a map")
+    line = f"units = {{ {line} }}" if assumption.kind in ("position", "angle", "rate", "time") else line
+    statement = assumption.remedy or f"{line} in a map"
+    reading = _of_log(identity, assumption.value, f"{meaning} {assumption.value}", assumption.why, statement)
+    return replace(reading, adopted=assumption.adopted)
 
 
 def _of_log(identity: str, value: Any, meaning: str, why: str, statement: str) -> DoubtedReading:

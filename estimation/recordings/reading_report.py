@@ -207,11 +207,16 @@ class ReadingStep:
 
 @dataclass(frozen=True)
 class Assumption:
-    """A unit or order that nothing states, taken by the numbers; `kind` and `value` as a map calls them, and why."""
+    """A unit, order or frame that nothing states, `kind` and `value` as a map calls them, and why the numbers show it.
+
+    It is taken so where it is `adopted`, else proposed. `remedy`: how it is stated, where that is no line of a map.
+    """
 
     kind: str
     value: str
     why: str
+    adopted: bool = True
+    remedy: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)

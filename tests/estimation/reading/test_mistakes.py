@@ -147,11 +147,11 @@ MISTAKES: dict[str, tuple[Callable[[Columns], Columns], tuple[str, ...], str, st
     "%time": (lambda c: renamed(c, "time", "%time"), RUNS, "%time increases steadily", "name it time"),
     "stamp": (lambda c: renamed(c, "time", "header.stamp"), RUNS, "header.stamp increases", "name it time"),
     "no time": (lambda c: {n: v for n, v in c.items() if n != "time"}, RUNS, "a run without its time", "rate = 500"),
-    "degrees": (lambda c: scaled(c, ANGLES, 180 / np.pi), ("planar",), "angles are in degrees", "angle = .deg."),
+    "degrees": (lambda c: scaled(c, ANGLES, 180 / np.pi), ("planar",), "angles are in deg", "angle = .deg."),
     "millimetres": (lambda c: scaled(c, POSITION, 1e3), ("six axes",), "position is in mm", "position = .mm."),
     "w first": (w_first, SPATIAL, "quaternion is w x y z", "orientation = .wxyz."),
     "inverse": (lambda c: {**c, "qw": -c["qw"]}, SPATIAL, "that of the base in the sensor", "orientation_of = .base."),
-    "base axes": (turned, EVERY, "along base axes", "sensor's axes|wrench_axes = .base."),
+    "base axes": (turned, EVERY, "along base axes|along the axes of the base", "sensor's axes|wrench_axes = .base."),
     "compensated": (compensated, EVERY, "compensated already", "by contact"),
     "saturated": (clipped, EVERY, "fy stays at its extreme value", "saturated"),
     "stuck": (stopped, EVERY, "fx (stops|never changes)", ""),
@@ -249,7 +249,7 @@ def test_small_joint_angles_in_degrees_are_recognised_by_the_weight(tmp_path: Pa
     columns = {str(name): frame[name].to_numpy(copy=True) for name in frame.columns}
     assert said(written(columns, tmp_path), planar=True) == ""
     path = written(scaled(columns, ANGLES, 180 / np.pi), tmp_path)
-    assert "the angles are in degrees: the mass is 0.9" in said(path, planar=True)
+    assert "the angles are in deg; the mass is 0.9" in said(path, planar=True)
     # Imported likewise, though the map's author did not say it; and mended by what is advised.
     assert any("the angles are in degrees" in step for step in suspicious(imported(path, rig=ARM).report))
     mended = imported(path, map=ColumnMap.of({"units": {"angle": "deg"}}), rig=ARM)
