@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +17,7 @@ from estimation.reading.log_reader import Array, LogTable
 from estimation.reading.log_sources import joined_tables, note_unused, read_sources, require_one_recording
 from estimation.reading.log_streams import Groups, LogStreams
 from estimation.reading.motion_streams import SiColumns, in_sensor_axes
-from estimation.reading.one_clock import have_same_stamps, on_one_clock
+from estimation.reading.one_clock import HELD, have_same_stamps, on_one_clock
 from estimation.reading.recording_check import note_columns, note_suspicious_channels
 from estimation.reading.sample_mending import STAMP, mended, mended_runs
 from estimation.reading.step_log import StepLog
@@ -113,7 +113,9 @@ def _imported(paths: Sequence[Path | LogTable], options: ReadingOptions, rig: Ri
     else:
         clocked = _poses(groups, log)
     columns = _turned(clocked.columns, paths[0].name) if si.base_axes else clocked.columns
-    columns = _checked(columns, clocked, mapping, stated, rig, log)
+    checked = _checked(columns, clocked, mapping, stated, rig, log)
+    kept = {name: held for name, held in clocked.held.items() if checked[name] is columns[name]}
+    columns = checked | kept
     curves, steps = picture_of(columns, clocked.stamps, log.steps, mapping.wrench.table.name, clocked.offset, rig)
     if clocked.offset is not None and clocked.offset.is_estimated:  # it goes with the recording
         columns = columns | {CLOCK_OFFSET: np.full(clocked.samples, clocked.offset.offset)}
@@ -149,7 +151,10 @@ def _joint_names(rig: Rig | None) -> list[str] | None:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Clocked:
-    """Columns (n,) of samples on one clock, and how they came there; poses at rest have neither stamps nor a rate."""
+    """Columns (n,) of samples on one clock, and how they came there; poses at rest have neither stamps nor a rate.
+
+    `held` are columns of a slower motion without interpolation, of which a recording rebuilds it.
+    """
 
     columns: dict[str, Array]
     stamps: Array | None = None
@@ -157,6 +162,7 @@ class _Clocked:
     offset: OffsetReading | None = None
     period: PeriodReading | None = None
     rate: float | None = None
+    held: Mapping[str, Array] = field(default_factory=dict)
 
     @property
     def samples(self) -> int:
@@ -179,13 +185,15 @@ def _on_one_clock(
     )  # fmt: skip
     columns = dict(common.columns)
     stamps = columns.pop(STAMP)
+    held = {name.removeprefix(HELD): columns.pop(name) for name in [*columns] if name.startswith(HELD)}
     clocks = tuple(
         replace(one.reading, intervals=IntervalHistogram.of(stream.stamps))
         for one, stream in zip(series, logged.streams, strict=True)
     )
     return _Clocked(
-        columns=columns, stamps=stamps, clocks=clocks, offset=common.offset, period=common.period, rate=common.rate
-    )
+        columns=columns, stamps=stamps, clocks=clocks, offset=common.offset, period=common.period, rate=common.rate,
+        held=held,
+    )  # fmt: skip
 
 
 def _poses(groups: Groups, log: StepLog) -> _Clocked:

@@ -31,6 +31,8 @@ CLIPPED = 0.05
 """Of a sample: by so much a sample of the wrench may lie outside the motion, which is taken as its end then."""
 FEW_MISSING = 0.2
 """Share of a column's cells below which empty ones are interpolated; of more the column would be invented."""
+HELD = " held "
+"""Before the name of a column, as no log has it, that holds the last value of a slower series."""
 SLOWER = 1.5
 """Steps of the wrench from which on a motion is slower, and is held for two rows or more as a rule."""
 ZERO_STD = 2
@@ -66,7 +68,7 @@ def on_one_clock(
     Cut into repeats where the motion has a period; `whole` keeps one run. With the `same_stamps` in both, somebody has
     brought them onto one clock: an offset is estimated and said, and not applied. Of series that were `polled` by the
     rows of one log, s, each may be older than its row: an offset within one is estimated. With `hold` those that are
-    slower than the wrench are not interpolated, but held, as the motion of a recording is rebuilt of its true samples.
+    slower than the wrench are held, too, beside what is interpolated: of its true samples a motion is rebuilt better.
 
     Motion of other series is interpolated there by cubic splines, orientation on the sphere; other columns linearly.
     """
@@ -116,9 +118,7 @@ def _with_motion(
             latest = np.searchsorted(one.instants, instants[inside] + slack, side="right") - 1
             held = {name: column[np.maximum(latest, 0)] for name, column in one.columns.items()}
             if TrueSamples.of(held.values(), wrench.dt, int(inside.sum())) is not None:
-                joined |= held
-                log.taken(f"held from {1 / one.dt:.6g} Hz, to be rebuilt", one.where, int(inside.sum()))
-                continue
+                joined |= {f"{HELD}{name}": column for name, column in held.items()}
         joined |= _at(one, instants[inside])
         log.taken(f"interpolated from {1 / one.dt:.6g} Hz at the samples of the wrench", one.where, int(inside.sum()))
     return joined

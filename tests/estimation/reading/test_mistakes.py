@@ -251,7 +251,9 @@ def test_small_joint_angles_in_degrees_are_recognised_by_the_weight(tmp_path: Pa
     path = written(scaled(columns, ANGLES, 180 / np.pi), tmp_path)
     assert "the angles are in deg; the mass is 0.9" in said(path, planar=True)
     # Imported likewise, though the map's author did not say it; and mended by what is advised.
-    assert any("the angles are in degrees" in step for step in suspicious(imported(path, rig=ARM).report))
+    assert [(a.kind, a.value, a.adopted) for a in imported(path, rig=ARM).report.assumptions] == [
+        ("angle", "deg", False)
+    ]
     mended = imported(path, map=ColumnMap.of({"units": {"angle": "deg"}}), rig=ARM)
     assert not suspicious(mended.report)
     np.testing.assert_allclose(mended.columns["q1"], columns["q1"], atol=1e-9)
