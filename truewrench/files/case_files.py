@@ -238,11 +238,7 @@ def imported_frames(recording: Recording) -> dict[str, Any]:
             "frames": [axes, *(doubted.sentence for doubted in of_log), *(sign or [undecided]), *doubts],
             "readings": [doubted.to_data() for doubted in of_log],
         }
-    readings = [doubted.sentence for doubted in case.readings]
-    is_of_log = all(doubted.of_log and doubted.adopted for doubted in case.readings)
-    gravity = [case.gravity.sentence] if case.gravity is not None and is_of_log else []
-    decided = [] if case.sign is None or case.misread else [convention_sentence(case.sign, detailed=True)]
     return {
-        "frames": [axes, *readings, *gravity, *(sign or decided)],
+        "frames": [axes, *frame_sentences(case, detailed=True), *sign],
         "readings": [doubted.to_data() for doubted in case.readings],
     }
