@@ -268,7 +268,7 @@ def _euler_angles(meant: str, read: str) -> MotionReading:
     def mended(rotation: Rotation) -> Rotation:
         with catch_warnings():  # where two angles turn about one axis, any of them that give the rotation will do
             simplefilter("ignore", UserWarning)
-            return Rotation.from_euler(meant, rotation.as_euler(sequence))
+            return _rotations().from_euler(meant, rotation.as_euler(sequence))
 
     axes = "moving" if meant.isupper() else "fixed"
     return MotionReading(
