@@ -85,8 +85,8 @@ class Case:
 
         Another reading may be shown than that (`estimation/readings/`). It is adopted where it changes nothing that was
         stated: gravity that points up, in six axes a sensor that is turned. A mistake in the log, as a sign of the
-        torques, is a matter of what its author meant: it is proposed, and adopted if its id is among `read`. With
-        `as_read` no reading is doubted.
+        torques, is a matter of what its author meant: it is proposed, and adopted if its id is among `read`. Dwells
+        that were logged as a run are read as static poses, before all else. With `as_read` no reading is doubted.
 
         Raises InputError when there are no recordings, their channels are not the model's, or the data cannot decide
         the sign convention.
@@ -95,18 +95,25 @@ class Case:
         check_channels(model, recordings)
         for recording in held_out:
             require_channels(recording, model)
-        if as_read:
-            return cls._as_read(model, several, len(recordings))
-        from estimation.readings.decision import shown_reading  # of recordings in memory, which a streamed fit has not
+        from estimation.readings.static_dwells import as_static_poses  # recordings in memory: a streamed fit has none
+
+        several, dwells = as_static_poses(several, model, runs=not as_read)
+        case = (cls._as_read if as_read else partial(cls._of_readings, read=read))(model, several, len(recordings))
+        return case if dwells is None else replace(case, readings=(dwells, *case.readings))
+
+    @classmethod
+    def _of_readings(cls, model: WrenchModel, several: Sequence[Recording], count: int, read: Collection[str]) -> Case:
+        """The case of recordings in another reading of their axes, signs and units where one is shown."""
+        from estimation.readings.decision import shown_reading  # of recordings in memory, too
 
         undecided: InputError | None = None
         try:
-            case = cls._as_read(model, several, len(recordings))
+            case = cls._as_read(model, several, count)
         except InputError as error:
             if model.convention is not Convention.AUTO or model.space is Space.PLANE:
                 raise
             undecided = error
-            case = cls._upright(replace(model, convention=Convention.ON_TOOL), several, len(recordings))
+            case = cls._upright(replace(model, convention=Convention.ON_TOOL), several, count)
         shown = shown_reading((*case.recordings, *case.held_out), case.model, model.convention)
         if undecided is not None and (shown is None or shown.p_value is None):
             raise undecided from None

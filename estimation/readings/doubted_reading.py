@@ -15,7 +15,7 @@ class DoubtedReading:
     meaning        what it means, as a clause
     statement      the line of a rig or map, or the option, that states it
     before, after  root mean square of the rigid tool's residual over the noise from sample to sample, as read and in
-                   this reading
+                   this reading; before is None of what cannot be read otherwise
     p_value        that the recording as read is as near to the truth, family-wise over all readings; None of what no
                    test decides
     mass           kg, of the tool in this reading
@@ -29,7 +29,7 @@ class DoubtedReading:
     meaning: str
     statement: str
     value: Any = None
-    before: float
+    before: float | None
     after: float
     p_value: float | None = None
     mass: float | None = None
@@ -75,7 +75,7 @@ class DoubtedReading:
             "value": self.value,
             "statement": self.statement,
             "p_value": self.p_value,
-            "misfit": [self.before**2, self.after**2],
+            "misfit": [None if self.before is None else self.before**2, self.after**2],
             "applies_to": self.applies_to,
             "sentence": self.sentence,
         }
