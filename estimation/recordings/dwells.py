@@ -89,6 +89,7 @@ class Dwells:
     """The dwells of a log of n rows, in the order of time.
 
     ends     (m, 2) first row of each and the row after its last
+    at_pose  (m, 2) the same of the rows at its pose, those in which the readings have not settled among them
     stamps   (n,) of all rows, s
     wrench   (n, p) readings of all rows
     angles   (k, n) of the motion, rad
@@ -96,6 +97,7 @@ class Dwells:
     """
 
     ends: NDArray[np.int64]
+    at_pose: NDArray[np.int64]
     stamps: Array
     wrench: Array
     angles: Array
@@ -107,7 +109,8 @@ class Dwells:
         angles = angles_of(columns, form)
         still = _still_stretches(angles, stamps, gaps)
         settled = _settled(still, wrench)
-        return cls(np.array(settled, dtype=np.int64).reshape(-1, 2), stamps, wrench, angles, int(gaps.sum()))
+        ends, at_pose = (np.array(rows, dtype=np.int64).reshape(-1, 2) for rows in (settled, still))
+        return cls(ends, at_pose, stamps, wrench, angles, int(gaps.sum()))
 
     def __len__(self) -> int:
         return len(self.ends)
@@ -129,8 +132,8 @@ class Dwells:
 
     @property
     def share(self) -> float:
-        """Share of the log's rows that are in dwells."""
-        return float(self.rows.sum()) / len(self.stamps)
+        """Share of the log's rows that are at a dwell's pose."""
+        return float(np.diff(self.at_pose).sum()) / len(self.stamps)
 
     @property
     def instants(self) -> Array:
@@ -140,8 +143,8 @@ class Dwells:
 
     @cached_property
     def moving_rows(self) -> NDArray[np.int64]:
-        """Rows (m - 1,) from the end of each dwell to the start of the next."""
-        return np.asarray(self.ends[1:, 0] - self.ends[:-1, 1])
+        """Number of rows (m - 1,) of the motion from each dwell to the next."""
+        return np.asarray(self.at_pose[1:, 0] - self.at_pose[:-1, 1])
 
     def mean_columns(self, columns: Mapping[str, Array]) -> dict[str, Array]:
         """Means (m,) of columns (n,) by name, an orientation's of unit length."""
@@ -178,22 +181,22 @@ class Dwells:
         Noise that changes more slowly than within a dwell is alike in neighbouring ones. The zero of the readings takes
         up the constant. The noise of the motion is in it, as it turns the weight.
         """
-        turns = sum((np.diag(self._noise(series).covariance) for series in self.angles), np.zeros(len(self)))
+        turns = np.einsum("kii->i", self._noise(self.angles.T).covariance)
         turns = turns / (3 if len(self.angles) == len(QUATERNION) else 1)  # about each axis
         means, forces = self.means(self.wrench), 3 if self.wrench.shape[1] == len(SPATIAL_CHANNELS) else 2
         sizes = [np.linalg.norm(group, axis=1) for group in np.split(means - means.mean(axis=0), [forces], axis=1)]
         levers = np.repeat(np.stack(sizes), [forces, means.shape[1] - forces], axis=0)
         floor = SMALLEST_VARIANCE + turns * levers**2
-        return np.stack([n.covariance + np.diag(f) for n, f in zip(self._noises, floor, strict=True)])
+        return np.asarray(self._noise_of_readings.covariance + np.stack([np.diag(f) for f in floor]))
 
     @property
     def log_power_variance(self) -> Array:
         """Variance (p,) of the logarithm of the power of that noise, as it is estimated."""
-        return np.array([noise.log_power_variance for noise in self._noises])
+        return self._noise_of_readings.log_power_variance
 
     @cached_property
-    def _noises(self) -> tuple[MeanNoise, ...]:
-        return tuple(map(self._noise, self.wrench.T))
+    def _noise_of_readings(self) -> MeanNoise:
+        return self._noise(self.wrench)
 
     def _noise(self, series: Array) -> MeanNoise:
         return MeanNoise.of([series[begin:end] for begin, end in self.ends], self._times)
@@ -380,43 +383,58 @@ def _unsettled(rows: Array, spread: Array) -> int:
 
 @dataclass(frozen=True, eq=False)
 class MeanNoise:
-    """Noise of the means of pieces of a series.
+    """Noise of the means of pieces of p channels.
 
-    covariance (m, m) of the means, but for a constant, and the variance of the logarithm of its power, as estimated
+    covariance          (p, m, m) of the means of each, but for a constant
+    log_power_variance  (p,) variance of the logarithm of its power, as it is estimated
     """
 
     covariance: Array
-    log_power_variance: float
+    log_power_variance: Array
 
     @classmethod
     def of(cls, pieces: Sequence[Array], times: Array) -> MeanNoise:
-        """Of pieces (n_i,), with `times` (2, m), their middles and lengths in s, in noise that is white and 1 / f.
+        """Of pieces (n_i, p), with `times` (2, m), their middles and lengths in s, in noise that is white and 1 / f.
 
         Its Hadamard variance in blocks of T rows is W / T + F: 1/6 of the mean square of second differences of
         neighbouring block means, to which a steady drift of the zero adds nothing: it is no noise. With the spectrum
         h / f it is 1/2 ln(256 / 27) h for any T. The covariance of means is W / n_i in the diagonal, and -h ln of the
         time between two of them, of which a mean of length T has the mean within itself, ln T - 3/2.
+
+        One channel tells F / W badly where it is small, though it is most of what means differ by: a channel has at
+        least the ratio that all show together.
         """
         longest = int(np.median([len(piece) for piece in pieces])) // 3
         lengths = [longest // 2**i for i in range(longest.bit_length())] or [1]
         squares = [np.concatenate([_second_differences(p, length) for p in pieces]) ** 2 for length in lengths]
-        lengths = [length for length, square in zip(lengths, squares, strict=True) if square.size]
-        squares = [square for square in squares if square.size]
-        if not any(square.any() for square in squares):
-            return cls(np.zeros((len(pieces), len(pieces))), 0.0)
-        scales, counts = np.array(lengths, dtype=float), np.array([len(square) for square in squares]) * INDEPENDENT
-        white, flicker = _white_and_flicker(scales, np.array([square.mean() / 6 for square in squares]), counts)
-        diagonal = white / np.array([len(piece) for piece in pieces], dtype=float)
-        of_flicker = _of_flicker(*times) / FLICKER_HADAMARD
+        scales = np.array([length for length, s in zip(lengths, squares, strict=True) if len(s)], dtype=float)
+        squares = [square for square in squares if len(square)]
+        counts = INDEPENDENT * np.array([len(square) for square in squares])
+        variances = np.array([square.mean(axis=0) / 6 for square in squares]).reshape(len(scales), -1)
+        changes = np.flatnonzero(variances.any(axis=0))
+        count = pieces[0].shape[1]
+        covariance, log_power_variance = np.zeros((count, len(pieces), len(pieces))), np.zeros(count)
+        if not len(changes):
+            return cls(covariance, log_power_variance)
+        levels = {int(c): _white_and_flicker(scales, variances[:, c], counts) for c in changes}
+        smooth = variances[:, changes].max(axis=0) * SMALLEST_SHARE
+        sizes = np.array([max(white, least) for (white, _), least in zip(levels.values(), smooth, strict=True)])
+        white, flicker = _white_and_flicker(scales, (variances[:, changes] / sizes).mean(axis=1), counts * len(changes))
+        shared = flicker / white if white > 0 else 0.0
+        of_flicker, by_white = _of_flicker(*times) / FLICKER_HADAMARD, np.diag([1 / len(piece) for piece in pieces])
         slow = (float(np.trace(of_flicker)) - float(of_flicker.mean(axis=0).sum())) / len(pieces)
-        of_level = 1 / (counts / 2 / (white / scales + flicker) ** 2).sum()
-        uncertain = of_level * (slow / (slow * flicker + float(diagonal.mean()))) ** 2
-        return cls(np.diag(diagonal) + flicker * of_flicker, float(uncertain))
+        for channel, (white, flicker) in levels.items():
+            level = max(flicker, shared * white)
+            covariance[channel] = white * by_white + level * of_flicker
+            channels = len(changes) if flicker <= level else 1
+            std = 1 / np.sqrt(channels * (counts / 2 / (white / scales + level) ** 2).sum())
+            power = slow * level + white * float(np.trace(by_white)) / len(pieces)
+            log_power_variance[channel] = np.log1p(slow * std / power) ** 2
+        return cls(covariance, log_power_variance)
 
 
 def _of_flicker(middles: Array, lengths: Array) -> Array:
-    """Covariance (m, m) of means of noise with the spectrum 1 / f, over the times that they lie apart; as a constant is
-    arbitrary, that of the largest time is zero."""
+    """Covariance (m, m) of means of noise with the spectrum 1 / f; a constant is arbitrary, and the least is zero."""
     apart = np.abs(middles[:, None] - middles)
     shortest = (lengths[:, None] + lengths) / 2
     logarithm = np.log(np.maximum(apart, shortest))
@@ -425,10 +443,10 @@ def _of_flicker(middles: Array, lengths: Array) -> Array:
 
 
 def _second_differences(piece: Array, length: int) -> Array:
-    """Second differences of neighbouring means of blocks of so many rows."""
+    """Second differences (b, p) of neighbouring means of blocks of so many rows (n, p)."""
     blocks = len(piece) // length
-    means = piece[: blocks * length].reshape(blocks, length).mean(axis=1)
-    return np.diff(means, n=2)
+    means = piece[: blocks * length].reshape(blocks, length, piece.shape[1]).mean(axis=1)
+    return np.diff(means, n=2, axis=0)
 
 
 def _white_and_flicker(scales: Array, variances: Array, counts: Array) -> tuple[float, float]:

@@ -186,8 +186,10 @@ def convention_data(sign: SignDecision) -> dict[str, Any]:
 def frame_sentences(case: Case, *, detailed: bool = False) -> list[str]:
     """What the data decided of frames: gravity's direction, the sign convention; `detailed`, with its estimates."""
     sentences = [] if case.sign is None else [convention_sentence(case.sign, detailed=detailed)]
-    if case.readings:
-        return [*(doubted.sentence for doubted in case.readings), *([] if case.misread else sentences)]
+    readings = [doubted.sentence for doubted in case.readings]
+    if any(doubted.id != "static_dwells" for doubted in case.readings):
+        return [*readings, *([] if case.misread else sentences)]
+    sentences = [*readings, *sentences]  # dwells leave gravity and the sign to be decided
     if case.doubted is not None:
         return [case.doubted.not_applied, *sentences]
     if case.gravity is None:

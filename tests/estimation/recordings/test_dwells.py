@@ -80,9 +80,9 @@ def test_the_covariance_of_means_is_that_of_the_noise(white: float, slow: float)
     middles, chi_square = np.stack([3.0 + 6.0 * np.arange(12), np.full(12, 6.0)]), []
     for _ in range(200):
         series = white * rng.standard_normal(1800) + (flicker(rng, 1800, slow) if slow else 0.0)
-        pieces = np.split(series, 12)
+        pieces = np.split(series[:, None], 12)
         noise = MeanNoise.of(pieces, middles)
-        inverse = np.linalg.inv(noise.covariance + 1e-12 * np.eye(12))
+        inverse = np.linalg.inv(noise.covariance[0] + 1e-12 * np.eye(12))
         means, ones = np.array([piece.mean() for piece in pieces]), np.ones(12)
         means = means - (ones @ inverse @ means) / (ones @ inverse @ ones)
         chi_square.append(float(means @ inverse @ means) / 11)
@@ -93,5 +93,5 @@ def test_the_covariance_of_means_is_that_of_the_noise(white: float, slow: float)
 def test_a_steady_drift_is_no_noise() -> None:
     rng = np.random.default_rng(5)
     series, times = 0.1 * rng.standard_normal(1800), np.stack([3.0 + 6.0 * np.arange(12), np.full(12, 6.0)])
-    noises = [MeanNoise.of(np.split(series + drift, 12), times) for drift in (0.0, np.linspace(0, 50, 1800))]
+    noises = [MeanNoise.of(np.split((series + drift)[:, None], 12), times) for drift in (0.0, np.linspace(0, 50, 1800))]
     assert noises[1].covariance == pytest.approx(noises[0].covariance, rel=1e-6)
