@@ -119,7 +119,7 @@ class Case:
             raise undecided from None
         if shown is not None and shown.motion.compensated and case.gravity is not None:
             # What is left of a weight may point up: a base that hangs is no explanation then.
-            upright = cls._upright(replace(model, convention=case.model.convention), several, len(recordings))
+            upright = cls._upright(replace(model, convention=case.model.convention), several, count)
             of_upright = shown_reading((*upright.recordings, *upright.held_out), upright.model, model.convention)
             if of_upright is not None and of_upright.motion.compensated:
                 case, shown = upright, of_upright

@@ -150,3 +150,13 @@ def test_a_run_of_poses_without_motion_between_has_no_contact_where_it_jumps() -
     contact = compensate(fitted, recording)
     assert not contact.intervals
     assert contact.recording.samples == 12
+
+
+def test_a_mistake_in_the_log_is_proposed_beside_its_dwells() -> None:
+    frame = pd.DataFrame(DwellLog(seed=2).columns()).drop(columns="resting")
+    frame["fy"] *= -1.0
+    recording = from_dataframe(frame, name="log", one_run=True)
+    assert ids(Case.of(spatial(), [recording])) == ["static_dwells", "force_axis_mirrored"]
+    case = Case.of(spatial(), [recording], read=["force_axis_mirrored"])
+    assert not case.misread
+    assert tool(fit_case(case)) == pytest.approx([0.9, 5, -10, 60], rel=0.02, abs=0.2)
