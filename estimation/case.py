@@ -85,8 +85,8 @@ class Case:
 
         Another reading may be shown than that (`estimation/readings/`). It is adopted where it changes nothing that was
         stated: gravity that points up, in six axes a sensor that is turned. A mistake in the log, as a sign of the
-        torques, is a matter of what its author meant: it is proposed, and adopted if its id is among `read`. With
-        `as_read` no reading is doubted.
+        torques, is a matter of what its author meant: it is proposed, and adopted if its id is among `read`. Dwells
+        that were logged as a run are read as static poses, before all else. With `as_read` no reading is doubted.
 
         Raises InputError when there are no recordings, their channels are not the model's, or the data cannot decide
         the sign convention.
@@ -95,7 +95,11 @@ class Case:
         check_channels(model, recordings)
         for recording in held_out:
             require_channels(recording, model)
+        from estimation.readings.static_dwells import as_static_poses  # recordings in memory: a streamed fit has none
+
+        several, dwells = as_static_poses(several, model, runs=not as_read)
         case = cls._of(model, several, len(recordings), read, as_read=as_read)
+        case = case if dwells is None else replace(case, readings=(dwells, *case.readings))
         if all(recording.reading is None and recording.clock_offset is None for recording in several):
             return case
         from estimation.readings.of_log import readings_of_logs  # a streamed fit has none

@@ -17,7 +17,7 @@ from estimation.least_squares.problem import Problem
 from estimation.model_response import ModelResponse, signals_are_periodic
 from estimation.noise.power_spectrum import without_leakage
 from estimation.noise.recording_noise import RecordingNoise, sample_step
-from estimation.noise.whitening import AutoregressiveWhitener, FourierLineWhitener, Whitener
+from estimation.noise.whitening import AutoregressiveWhitener, FourierLineWhitener, PoseWhitener, Whitener
 from estimation.recordings.column_table import ORIENTATION_ERRORS
 from estimation.recordings.motion import QUATERNION
 from estimation.recordings.recording import Recording
@@ -402,6 +402,10 @@ def effective_noise(noise: RecordingNoise, recording: Recording, added: Array) -
         return noise
     if isinstance(old, AutoregressiveWhitener):
         whitener: Whitener = replace(old, noise=replace(old.noise, covariance=old.noise.covariance + added))
+    elif isinstance(old, PoseWhitener):
+        roots = np.linalg.inv(old.roots)
+        more = np.multiply.outer(np.diag(added), np.eye(recording.samples))
+        whitener = PoseWhitener(inverse_cholesky_factor(roots @ roots.swapaxes(-1, -2) + more))
     else:
         assert isinstance(old, FourierLineWhitener)
         excited, non_excited = np.split(old.root, [len(old.excited_lines)])

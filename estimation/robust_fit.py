@@ -20,7 +20,6 @@ from estimation.parameter_layout import parameter_layout, require_known_start
 from estimation.recordings.recording import Recording
 from estimation.robust_loss import Huber, Loss
 from modeling.chain.model import WrenchModel, require_model
-from modeling.noise import NoiseSource
 from modeling.significance import LEVELS
 from modeling.table import Column, Table, Tabular, Value
 
@@ -369,7 +368,7 @@ def _outliers(
     for number, (recording, noise) in enumerate(zip(plain.recordings, plain.noise, strict=True)):
         residual = recording.wrench - fitted.predicted_readings(number)
         earlier = None if before is None else before[number]
-        stated = noise.floor if noise.source is NoiseSource.RIG else None
+        stated = noise.floor if noise.source.is_of_samples else None
         outliers.append(separate_outliers(recording, residual, loss, before=earlier, held=held, stated=stated))
     return tuple(outliers)
 
@@ -395,7 +394,7 @@ def _cleaned_sensitivity(fitted: Fit, number: int, outliers: Outliers) -> Array:
 
 def _cleaned_noise_std(noise: RecordingNoise, outliers: Outliers) -> Array:
     """Std (rows, 1) of whitened cleaned noise: 1, or less for noise that the rig states, which cleaning reduces."""
-    if noise.source is not NoiseSource.RIG:
+    if not noise.source.is_of_samples:
         return np.ones((noise.whitener.rows, 1))
     std = np.sqrt((outliers.loss.psi(outliers.distance) ** 2).mean(axis=0))
     return np.tile(std, noise.whitener.rows // len(std))[:, None]

@@ -79,11 +79,17 @@ Complex = NDArray[np.complex128]
 
 
 class NoiseSource(Enum):
-    """What a noise estimate rests on: the repeats, the std stated in the rig, or the residual of a fit."""
+    """What a noise estimate rests on: repeats, the std stated in the rig, a fit's residual, or rows within dwells."""
 
     REPEATS = "repeats"
     RIG = "rig"
     RESIDUAL = "residual"
+    DWELLS = "dwells"
+
+    @property
+    def is_of_samples(self) -> bool:
+        """Whether the std of a sample is known beforehand, without repeats or a fit."""
+        return self in (NoiseSource.RIG, NoiseSource.DWELLS)
 
 
 class StationaryNoise(ABC):

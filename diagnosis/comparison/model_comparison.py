@@ -263,7 +263,8 @@ class ModelComparison(Tabular):
 
     def remarks(self) -> list[str]:
         """Which models differ significantly, and what was estimated on recordings that they were not fitted on."""
-        remarks = [f"{difference.sentence}." for difference in self.differences]
+        dwelling = [f"{r.name} is read as {r.dwells.counted}." for r in self.recordings if r.dwells is not None]
+        remarks = [*dwelling, *(f"{difference.sentence}." for difference in self.differences)]
         if any(not p.fitted for model in self.models for p in model.predictions):
             remarks.append("Fitted on: the recording is one that the model was fitted to; held out: it is not.")
             remarks.append("The biases, which differ between recordings, are estimated on each.")
@@ -409,6 +410,10 @@ def compare_models(models: Mapping[str, EstimatedModel], recordings: Sequence[Re
 
 def _on_recording(models: Sequence[EstimatedModel], recording: Recording) -> list[ModelOnRecording]:
     """Each model's prediction of a recording, in one noise."""
+    from estimation.readings.static_dwells import sampled  # of models that are compared by hand alone
+
+    if all(_own_prediction(model, recording) is None for model in models):
+        recording = sampled(recording, models[0].model)
     predicted = [
         _own_prediction(model, recording)
         or ModelOnRecording(validation_fit(model, recording), 0, False, _was_fitted_on(model, recording))

@@ -15,7 +15,7 @@ from estimation.least_squares.levenberg_marquardt import LeastSquaresMinimum
 from estimation.least_squares.problem import Problem
 from estimation.least_squares.square_root_information import ColumnSpace
 from estimation.noise.recording_noise import RecordingNoise
-from estimation.noise.whitening import AutoregressiveWhitener, FourierLineWhitener, Whitener
+from estimation.noise.whitening import AutoregressiveWhitener, FourierLineWhitener, PoseWhitener, Whitener
 from estimation.parameter_layout import ParameterLayout
 from estimation.recordings.recording import Recording
 from modeling.chain.effect import Effect
@@ -70,6 +70,8 @@ def _half_split(noise: RecordingNoise, side: int) -> RecordingNoise:
         kept[:per_line] = True
     elif isinstance(whole, AutoregressiveWhitener) and whole.noise.is_white:
         kept = index // len(whole.noise.covariance) % 2 == side
+    elif isinstance(whole, PoseWhitener):
+        kept = index // len(whole.roots) % 2 == side
     else:
         kept = (index < whole.rows // 2) == (side == 0)
     excited = int(kept[: whole.periodic_rows].sum())

@@ -17,7 +17,6 @@ from diagnosis.comparison.slow_residual import Part, SlowResidual, removed_share
 from diagnosis.held_out import HeldOut
 from diagnosis.subset_search import MAX_REFITS, CandidateModel, SubsetSearch, refit_effects
 from estimation.fit import Fit
-from modeling.noise import NoiseSource
 
 Array = NDArray[np.float64]
 
@@ -103,7 +102,7 @@ def _single_run_power(steps: Sequence[SelectionStep], final: CandidateModel, num
     """Systematic power relative to the noise after each step, of a recording without repeats."""
     last = steps[-1].training[number]
     power = [{c: v**2 for c, v in s.training[number].rms.items()} for s in steps]
-    if last.noise.source is NoiseSource.RIG:
+    if last.noise.source.is_of_samples:
         return _relative_to_noise(last, [{c: v - last.noise_floor[c] ** 2 for c, v in p.items()} for p in power])
     removed = _relative_to_noise(last, [{c: v - power[-1][c] for c, v in p.items()} for p in power])
     terms, rows = final.comparisons[number].cross_validated_gain, final.fit.noise[number].whitener.rows

@@ -612,7 +612,9 @@ def compensate(
     own_axes = Axes.of_contact(_calibration(fitted).model.space)
     wanted = own_axes if axes is None else axes_named(axes)
     calibration = _calibration(fitted).without_recording_specific
-    recording = prepared(recording, calibration.model)
+    from estimation.readings.static_dwells import sampled  # compiles the rigid tool, as what follows does
+
+    recording = prepared(sampled(recording, calibration.model), calibration.model)
     response = model_response(calibration.model, recording, calibration.theta)
     gain, slopes = contact_gain_at(calibration.model, calibration.theta)
     biases = np.arange(len(calibration.model.biases))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,11 +29,14 @@ from estimation.noise.recording_noise import (
 )
 from estimation.noise.tones import disturbance_basis, find_tones, sinusoids, without_sinusoids
 from estimation.noise.transient_windows import inside, samples_of
-from estimation.noise.whitening import AutoregressiveWhitener, FourierLineWhitener
+from estimation.noise.whitening import AutoregressiveWhitener, FourierLineWhitener, PoseWhitener
 from estimation.recordings.recording import Recording
 from estimation.recordings.repeat_motion import NO_REPEATS, largest_deviation
 from modeling.errors import InputError
 from modeling.noise import NoiseModel, NoiseSource, block_means, inverse_cholesky_factor
+
+if TYPE_CHECKING:
+    from estimation.recordings.dwells import Dwells
 
 Array = NDArray[np.float64]
 Lines = NDArray[np.complex128]
@@ -202,20 +206,30 @@ def estimate_noise(
     """Noise of a recording from the residual (n, p) of any model of its periodic part.
 
     With repeats the residual's periodic part does not matter: the spectrum comes from the non-excited lines (or from
-    differences of separate runs). Without, it is the std that the rig states per channel if it does, else an
-    autoregression fitted to the residual, which then cannot test the size of that residual; `fitted` is the number of
-    parameters behind it, `events` are intervals (s) of a run with noise of their own. To a stated std the noise of the
-    `motion` of a run is added, with its colour; a residual has it in itself, and only where the motion is less certain
-    than usual its rows weigh less.
+    differences of separate runs). Without, of poses that are the means of dwells it comes from the rows within these;
+    else it is the std that the rig states per channel if it does, else an autoregression fitted to the residual, which
+    then cannot test the size of that residual; `fitted` is the number of parameters behind it, `events` are intervals
+    (s) of a run with noise of their own. To a stated std the noise of the `motion` of a run is added, with its colour;
+    a residual has it in itself, and only where the motion is less certain than usual its rows weigh less.
     """
     if recording.repeats > 1:
         _require_one_motion(recording)
         _require_nonzero_noise(recording)
         return noise_from_repeats(recording, residual)
+    if recording.dwells is not None:
+        return _noise_of_dwells(recording.dwells)
     stated = stated_noise_floor(recording)
     if stated is not None:
         return _noise_of_rig(stated, residual, events, motion)
     return _noise_from_residual(recording, residual, fitted, events, motion)
+
+
+def _noise_of_dwells(dwells: Dwells) -> RecordingNoise:
+    """The noise of the dwells' means, as the rows within them show it."""
+    roots = np.stack([inverse_cholesky_factor(covariance) for covariance in dwells.covariance])
+    whitener = PoseWhitener(roots)
+    floor = np.sqrt((dwells.std**2).mean(axis=0))
+    return RecordingNoise(floor, whitener, NoiseSource.DWELLS, np.tile(dwells.log_power_variance, len(dwells)))
 
 
 def _noise_of_rig(

@@ -122,6 +122,8 @@ class RecordingNoise:
         """
         if isinstance(self.whitener, AutoregressiveWhitener):
             noise = self.whitener.noise
+        elif self.source is NoiseSource.DWELLS:
+            noise = NoiseModel.white(self.floor)
         else:
             assert isinstance(self.whitener, FourierLineWhitener)
             root = self.whitener.root
@@ -134,9 +136,13 @@ class RecordingNoise:
 
         The rows are those from `first` on, a Fourier line's first; others do not contribute. To first order the
         logarithm of such a sum changes by the shares times the logarithms of the noise power. Those are correlated
-        along a channel's spectrum and independent between channels.
+        along a channel's spectrum, or its poses, and independent between channels.
         """
         p, rows = len(self.spectra), slice(first, first + len(shares))
+        if self.source is NoiseSource.DWELLS:
+            channels = np.arange(first, first + len(shares)) % len(self.floor)
+            of_channel = [shares[channels == channel].sum(axis=0) for channel in range(len(self.floor))]
+            return np.asarray(self.log_power_variance[: len(self.floor)] @ np.square(of_channel))
         if len(self.log_power_variance) != 2 * len(self.frequency) * p or not p:
             return np.asarray(self.log_power_variance[rows] @ shares)
         real, imaginary = np.moveaxis(shares.T.reshape(shares.shape[1], -1, 2, p), 2, 0)

@@ -279,3 +279,32 @@ class AutoregressiveWhitener(Whitener):
         """The whitener of one channel, for a series that is zero in the others."""
         in_events = None if self.event_noise is None else self.event_noise.of_channel(channel)
         return replace(self, noise=self.noise.of_channel(channel), event_noise=in_events)
+
+
+@dataclass(frozen=True, eq=False)
+class PoseWhitener(Whitener):
+    """Rows are static poses, of which neighbouring ones share slow noise, by a map of each channel to independent ones.
+
+    roots  (p, m, m), inverse Cholesky factors of the covariance of m poses
+    """
+
+    roots: Array
+
+    @property
+    def rows(self) -> int:  # type: ignore[override]
+        """One row per pose and channel."""
+        return int(self.roots.shape[0] * self.roots.shape[1])
+
+    @property
+    def periodic_rows(self) -> int:  # type: ignore[override]
+        """All rows."""
+        return self.rows
+
+    def series(self, values: Array) -> Array:
+        """Rows of a series over all poses."""
+        white = np.einsum("pij,jp...->ip...", self.roots, values)
+        return np.asarray(white.reshape(self.rows, *values.shape[2:]))
+
+    def steady_state(self, values: Array) -> Array:
+        """The same as `series`."""
+        return self.series(values)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,13 +21,14 @@ from estimation.reading.log_streams import Groups, LogStreams
 from estimation.reading.motion_streams import SiColumns, in_sensor_axes
 from estimation.reading.one_clock import HELD, have_same_stamps, on_one_clock
 from estimation.reading.recording_check import note_columns, note_suspicious_channels
-from estimation.reading.sample_mending import STAMP, mended, mended_runs
+from estimation.reading.sample_mending import STAMP, Stream, mended, mended_runs
 from estimation.reading.step_log import StepLog
 from estimation.reading.time_column import TableTimes
 from estimation.recordings.column_table import ColumnTable, signal_unit
 from estimation.recordings.differentiation import spline_derivatives
-from estimation.recordings.motion import CLOCK_OFFSET, QUATERNION
-from estimation.recordings.reading import MIN_POSES, recording_from_table
+from estimation.recordings.motion import CLOCK_OFFSET, MIN_POSES, QUATERNION, MotionForm
+from estimation.recordings.motion_period import FEWEST_SAMPLES
+from estimation.recordings.reading import LONGEST_FILL, dwells_between_gaps, missing_samples, recording_from_table
 from estimation.recordings.reading_report import (
     Assumption,
     ClockReading,
@@ -39,7 +42,10 @@ from estimation.recordings.reading_report import (
 )  # fmt: skip
 from estimation.recordings.recording import Recording
 from modeling.errors import InputError, quoted
-from modeling.rig import Rig
+from modeling.rig import PLANAR_CHANNELS, SPATIAL_CHANNELS, Rig
+
+if TYPE_CHECKING:
+    from estimation.recordings.dwells import Dwells
 
 POSE_STEP = 0.05
 """Radians between neighbouring rows without time from which they are poses at rest, and no run."""
@@ -176,16 +182,20 @@ def _on_one_clock(
     """Streams of samples, each mended on its own clock, on that of the wrench, cut into repeats."""
     logged = LogStreams(groups, times, stated, log, one_run=options.one_run)
     mend = mended_runs if len(logged.streams) == 1 else mended
+    poses = len(logged.streams) == 1 and _are_poses_between_gaps(logged.streams[0], log)
+    mend = partial(mended, with_gaps=True) if poses else mend
     series = [mend(stream, log) for stream in logged.streams]
-    series[0] = replace(series[0], columns={**series[0].columns, STAMP: series[0].instants})
+    series[0] = replace(series[0], columns={STAMP: series[0].instants, **series[0].columns})
     common = on_one_clock(
         series, stated.offset if options.clock_offset is None else options.clock_offset, options.period, rig, log,
-        logged.one_clock, options.one_run, same_stamps=have_same_stamps(logged.streams), polled=logged.polled,
+        logged.one_clock, options.one_run or poses, same_stamps=have_same_stamps(logged.streams), polled=logged.polled,
         hold=not groups[0][0].base_axes and stated.axes != "base",
     )  # fmt: skip
     columns = dict(common.columns)
     stamps = columns.pop(STAMP)
     held = {name.removeprefix(HELD): columns.pop(name) for name in [*columns] if name.startswith(HELD)}
+    if poses:
+        columns["time"] = stamps - stamps[0]
     clocks = tuple(
         replace(one.reading, intervals=IntervalHistogram.of(stream.stamps))
         for one, stream in zip(series, logged.streams, strict=True)
@@ -194,6 +204,29 @@ def _on_one_clock(
         columns=columns, stamps=stamps, clocks=clocks, offset=common.offset, period=common.period, rate=common.rate,
         held=held,
     )  # fmt: skip
+
+
+def _are_poses_between_gaps(stream: Stream, log: StepLog) -> bool:
+    """Whether a log with gaps in time is of poses at rest: then all of it is kept, and its rows are no run."""
+    rows = np.flatnonzero(np.isfinite(stream.stamps))
+    stamps, first = np.unique(stream.stamps[rows], return_index=True)
+    if len(stamps) < FEWEST_SAMPLES or all(lost <= LONGEST_FILL for _, lost in missing_samples(stamps)):
+        return False
+    dwells = _dwells({name: column[rows[first]] for name, column in stream.columns.items()}, stamps)
+    if dwells is not None:
+        log.taken(f"{dwells.counted}: a log of poses, and no run", stream.where)
+    return dwells is not None
+
+
+def _dwells(columns: Mapping[str, Array], stamps: Array) -> Dwells | None:
+    """The dwells of a log of poses (n,), in which there are no transitions, or too few rows of them."""
+    forms = {"qw": MotionForm.POSE, "q1": MotionForm.JOINTS, "phi": MotionForm.PLANAR_POSE}
+    form = next((form for name, form in forms.items() if name in columns), None)
+    channels = PLANAR_CHANNELS if "tau" in columns else SPATIAL_CHANNELS
+    if form is None or not set(channels) <= set(columns):
+        return None
+    dwells = dwells_between_gaps(columns, form, channels, stamps)
+    return None if dwells is None or dwells.are_sampled_between else dwells
 
 
 def _poses(groups: Groups, log: StepLog) -> _Clocked:
@@ -245,7 +278,10 @@ def _checked(
     elif {"fz", "qw"} <= set(columns):
         check = FrameCheck(mapping, stated, log, None if rig is None else rig.gravity_direction)
         is_moved = clocked.offset is not None and clocked.offset.applied
-        columns = check.checked(columns, clocked.stamps, is_moved=is_moved)
+        dwells = None if clocked.stamps is None else _dwells(columns, clocked.stamps)
+        # Rows of poses have no accelerations, nor do most of them agree against a contact.
+        rows = {name: column for name, column in columns.items() if dwells is None or name != "time"}
+        columns = columns | check.checked(rows, clocked.stamps if dwells is None else None, is_moved=is_moved)
     else:
         note_columns(columns, wrench, rig, log)
     instants = np.arange(1.0, clocked.samples + 1) if clocked.stamps is None else clocked.stamps

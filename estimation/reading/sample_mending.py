@@ -16,6 +16,7 @@ from estimation.recordings.motion_period import FEWEST_SAMPLES
 from estimation.recordings.reading import (
     JITTER_WINDOW,
     LATE_STEP,
+    LONGEST_FILL,
     STEP_TOLERANCE,
     missing_samples,
     wander,
@@ -129,8 +130,6 @@ def interpolated_quaternion(stamps: Array, quaternions: Array, instants: Array) 
     return np.asarray(components / np.linalg.norm(components, axis=1, keepdims=True))
 
 
-LONGEST_FILL = 5
-"""Samples in a row that are interpolated; a longer gap cuts the recording."""
 NEIGHBOURS = 6
 """Samples on either side of a filled gap that its cubic goes through."""
 MOST_UNEVEN = 100
@@ -228,8 +227,11 @@ def _piece(stream: Stream, rows: Index) -> Stream:
     return replace(stream, stamps=stream.stamps[rows], columns=columns)
 
 
-def mended(stream: Stream, log: StepLog) -> Series:
-    """The stream on a uniform clock. InputError when too little of it is left."""
+def mended(stream: Stream, log: StepLog, *, with_gaps: bool = False) -> Series:
+    """The stream on a uniform clock, or `with_gaps` all of its rows, with their stamps in the column `STAMP`.
+
+    InputError when too little of it is left.
+    """
     total = len(stream.stamps)
     rows = _timed_rows(stream, log)
     rows = _increasing_rows(stream, rows, log)
@@ -238,6 +240,13 @@ def mended(stream: Stream, log: StepLog) -> Series:
         raise InputError(what=what, where=stream.where, remedy="record longer, or state the columns in a map")
     stamps = stream.stamps[rows]
     ticks = _ticks(stamps)
+    if with_gaps:
+        steps = np.diff(stamps)
+        dt = float(np.median(steps))
+        jitter = float(np.std(steps[steps < LATE_STEP * dt])) / np.sqrt(2)
+        columns = {name: column[rows] for name, column in stream.columns.items()} | {STAMP: stamps}
+        clock = _reading(stream.where, len(rows), dt, stamps, jitter)
+        return Series(where=stream.where, start=float(stamps[0]), dt=dt, columns=columns, reading=clock)
     begin, end = _longest_piece(stamps, ticks, stream.where, log)
     rows, stamps, ticks = rows[begin:end], stamps[begin:end], ticks[begin:end] - ticks[begin]
     dt, start, deviation = _line(stamps, ticks)

@@ -118,10 +118,14 @@ class ShownReading:
             wrench = self._in_sensor_axes(recording)
         elif self.motion.compensated:
             wrench = wrench - self._subtracted(recording)
-        elif recording.dimension == 2:
-            wrench = wrench @ np.linalg.inv(self.axes.matrix * SIGN_OF[self.axes.convention]).T
         else:
-            wrench = wrench @ np.linalg.inv(self.axes.mistaken).T
+            in_plane = recording.dimension == 2
+            inverse = np.linalg.inv(
+                self.axes.matrix * SIGN_OF[self.axes.convention] if in_plane else self.axes.mistaken
+            )
+            wrench, dwells = wrench @ inverse.T, recording.dwells
+            if dwells is not None:  # whose rows show the noise
+                mended = replace(mended, dwells=replace(dwells, wrench=dwells.wrench @ inverse.T))
         return mended.with_readings(wrench)
 
     def _in_sensor_axes(self, recording: Recording) -> Array:

@@ -15,7 +15,7 @@ class DoubtedReading:
     meaning        what it means, as a clause
     statement      the line of a rig or map, or the option, that states it
     before, after  root mean square of the rigid tool's residual over the noise from sample to sample, as read and in
-                   this reading; None where the log alone shows it
+                   this reading; None of what the log alone shows, or cannot be read otherwise
     p_value        that the recording as read is as near to the truth, family-wise over all readings; None of what no
                    test decides
     mass           kg, of the tool in this reading
@@ -79,7 +79,7 @@ class DoubtedReading:
             "value": self.value,
             "statement": self.statement,
             "p_value": self.p_value,
-            "misfit": None if self.before is None or self.after is None else [self.before**2, self.after**2],
+            "misfit": [None if size is None else size**2 for size in (self.before, self.after)],
             "applies_to": self.applies_to,
             "sentence": self.sentence,
         }

@@ -190,9 +190,15 @@ def fitted_shift(recordings: Sequence[Recording], model: WrenchModel, axes: Axes
 
 
 def noise_from_sample_to_sample(recordings: Sequence[Recording]) -> Array:
-    """Std (p,) of the readings' noise, one for forces and one for torques, from differences of neighbouring samples."""
+    """Std (p,) of the readings' noise, one for forces and one for torques, from differences of neighbouring samples.
+
+    Of dwells that of their means, from the rows within them.
+    """
     squares = []
     for recording in recordings:
+        if recording.dwells is not None:
+            squares.append(np.median(recording.dwells.std**2, axis=0))
+            continue
         changes = np.diff(recording.wrench, axis=0) if not recording.at_rest else _centred(recording.wrench)
         squares.append(np.median(changes**2, axis=0) / MEDIAN_SQUARE / (1 if recording.at_rest else 2))
     variance = np.mean(squares, axis=0)

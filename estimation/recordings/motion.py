@@ -28,6 +28,8 @@ Array = NDArray[np.float64]
 QUATERNION = ("qx", "qy", "qz", "qw")
 CLOCK_OFFSET = "clock_offset"
 """Column that an import writes where it estimated the offset of the wrench's clock, s, the same in all rows."""
+MIN_POSES = 3
+"""At rest: with fewer, weight and zero of three channels are collinear."""
 
 
 class MotionForm(Enum):
@@ -48,6 +50,7 @@ class MotionColumns:
     continuous  whether the repeats follow each other without a pause
     derivatives what was derived so far, by the columns that it comes from
     held        what `true_samples` has found so far, by the columns' names
+    instants    (n,) s, when each static pose was taken; None where that is not known
     """
 
     columns: Mapping[str, Array]
@@ -56,6 +59,7 @@ class MotionColumns:
     continuous: bool = True
     derivatives: dict[tuple[str, ...], Derivatives] = field(default_factory=dict)
     held: dict[tuple[str, ...], TrueSamples | None] = field(default_factory=dict)
+    instants: Array | None = None
 
     @property
     def samples(self) -> int:
@@ -252,7 +256,7 @@ class Motion:
 
     @cached_property
     def model_signals(self) -> ModelSignals:
-        """The signals, auxiliary ones smoothed, and `progress`, -1 to 1 over the record."""
+        """The signals, auxiliary ones smoothed, and `progress`, -1 to 1 over the record or the order of poses."""
         return ModelSignals(self)
 
     @property
@@ -281,6 +285,8 @@ class ModelSignals(Mapping[str, Array]):
     def __init__(self, motion: Motion) -> None:
         recorded = motion.recorded
         progress = np.linspace(-1.0, 1.0, recorded.samples)
+        if recorded.instants is not None:
+            progress = np.interp(recorded.instants, recorded.instants[[0, -1]], progress[[0, -1]])
         self._unsmoothed = {**motion.signals, "progress": progress}
         self._smoothed: dict[str, Array] = {}
         self._dt = recorded.dt

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,13 +18,16 @@ from estimation.recordings.column_table import (
     table_from_columns,
     table_from_file,
 )
-from estimation.recordings.motion import QUATERNION, Motion, MotionColumns, MotionForm, numbered_names
+from estimation.recordings.motion import MIN_POSES, QUATERNION, Motion, MotionColumns, MotionForm, numbered_names
 from estimation.recordings.motion_period import FEWEST_SAMPLES
 from estimation.recordings.recording import Recording
 from estimation.recordings.weight_fit import SMALLEST_DIVISOR
 from modeling.errors import InputError
 from modeling.rig import PLANAR_CHANNELS, SPATIAL_CHANNELS, Rig
 from modeling.space import Space
+
+if TYPE_CHECKING:
+    from estimation.recordings.dwells import Dwells
 
 JOINT_ANGLE = re.compile(r"q[1-9]\d*")
 Array: TypeAlias = NDArray[np.float64]
@@ -138,6 +141,8 @@ REGULAR_SHARE = 0.8
 """Of the steps that are alike in stamps; those of a measured quantity are alike in fewer."""
 MOST_WANDER, WANDER_SHARE = 3.0, 0.01
 """Samples, and share of the record, by which stamps may leave a uniform clock in a recording."""
+LONGEST_FILL = 5
+"""Samples in a row that are interpolated; a longer gap cuts the recording."""
 SEPARATE_STEP = 3
 """Steps between the last sample of a repeat and the first of the next, above which a pause separates them."""
 
@@ -241,8 +246,6 @@ def _require_uniform_rate(delay: NDArray[np.float64], dt: float, where: str) -> 
         raise InputError(what=what, where=where, remedy="resample at a uniform rate, or record at one")
 
 
-MIN_POSES = 3
-"""At rest: with fewer, weight and zero of three channels are collinear."""
 CLOSE, SMOOTH = 0.05, 0.8
 """Radians between the rows of a run, and correlation of one increment with the next; poses have more, and less."""
 LONG_RUN = 100
@@ -285,21 +288,55 @@ def recording_from_table(table: ColumnTable, *, name: str, rig: Rig | None) -> R
     _require_samples(table, repeats)
     if "time" not in table.columns:
         _require_poses(table)
-    time, continuous = _time(table, repeats)
     if form is MotionForm.JOINTS:
         _require_radians(table, rig)
     if form is MotionForm.POSE:
         _require_unit_norm(table)
+    try:
+        time, continuous = _time(table, repeats)
+    except InputError:
+        poses = _poses_between_gaps(table, form, channels, name, rig) if repeats == 1 else None
+        if poses is None:
+            raise
+        return poses
     if time is not None:
         _require_seconds(table, float(time[1] - time[0]))
+    return _recording(table, channels, name, Motion(MotionColumns({}, time, repeats, continuous), form, rig))
+
+
+def _recording(table: ColumnTable, channels: tuple[str, ...], name: str, motion: Motion) -> Recording:
+    """The recording of a table's columns with the time and the repeats of a motion."""
+    time = motion.recorded.time
     others = {key: values for key, values in table.columns.items() if key not in (*channels, "time", "repeat")}
     wrench = np.stack([table.columns[channel] for channel in channels], axis=1)
     for values in (wrench, *others.values(), *(() if time is None else (time,))):
         values.flags.writeable = False
     return Recording(
         name=name, channels=channels, wrench=wrench,
-        motion=Motion(MotionColumns(others, time, repeats, continuous), form, rig),
+        motion=replace(motion, recorded=replace(motion.recorded, columns=others)),
     )  # fmt: skip
+
+
+def _poses_between_gaps(
+    table: ColumnTable, form: MotionForm, channels: tuple[str, ...], name: str, rig: Rig | None
+) -> Recording | None:
+    """The dwells of a log that no uniform clock follows, as static poses; None of any other."""
+    stamps = table.columns["time"]
+    dwells = None if (np.diff(stamps) <= 0).any() else dwells_between_gaps(table.columns, form, channels, stamps)
+    rows = _recording(table, channels, name, Motion(MotionColumns({}, None), form, rig))
+    return None if dwells is None else rows.at_dwells(dwells)
+
+
+def dwells_between_gaps(
+    columns: Mapping[str, Array], form: MotionForm, channels: Sequence[str], stamps: Array
+) -> Dwells | None:
+    """The dwells of a log with increasing stamps (n,), s, maybe with gaps between; None where it is not of them."""
+    from estimation.recordings.dwells import Dwells  # of a log with gaps alone
+
+    gaps = np.zeros(len(stamps) - 1, dtype=bool)
+    gaps[[i - 1 for i, lost in missing_samples(stamps) if lost > LONGEST_FILL]] = True
+    dwells = Dwells.of(columns, form, stamps, np.stack([columns[channel] for channel in channels], axis=1), gaps)
+    return dwells if dwells.are_poses else None
 
 
 def _require_poses(table: ColumnTable) -> None:

@@ -19,6 +19,7 @@ from modeling.table import Column, Table, Tabular, Value
 if TYPE_CHECKING:
     import pandas as pd
 
+    from estimation.recordings.dwells import Dwells
     from estimation.recordings.reading_report import ReadingReport
     from modeling.chain.model import WrenchModel
 
@@ -70,6 +71,8 @@ class Recording(Tabular):
     moved_as_measured : bool, optional
         Whether the readings show that each repeat moved in its own way, where the repeats differ beyond noise; by
         default None, as before that is decided (`estimation.case.prepared`). If not, a model takes the mean motion.
+    dwells : Dwells, optional
+        The dwells of a log whose means the static poses are; by default none, as where each row is a pose.
 
     Examples
     --------
@@ -88,6 +91,7 @@ class Recording(Tabular):
     reading: ReadingReport | None = None
     whole: WholeLog | None = None
     moved_as_measured: bool | None = None
+    dwells: Dwells | None = None
 
     def __repr__(self) -> str:
         length = "poses at rest" if self.dt is None else f"samples at {1 / self.dt:.6g} Hz"
@@ -218,9 +222,11 @@ class Recording(Tabular):
     def is_reading_of(self, other: Recording) -> bool:
         """Whether it is another recording as a case reads it: the same but for what was not decided of the other.
 
-        That is gravity's direction and whether the repeats moved in their own way. Same readings of another motion, or
-        on another rig, are another recording, of which a model predicts something else.
+        That is gravity's direction, whether the repeats moved in their own way, and the dwells of a run as poses. Same
+        readings of another motion, or on another rig, are another recording, of which a model predicts something else.
         """
+        if self.dwells is not None and other.dwells is None:
+            return self.dwells.wrench is other.wrench
         if self.wrench is not other.wrench or self.motion.recorded is not other.motion.recorded:
             return False
         own, rig = self.rig or Rig(), other.rig or Rig()
@@ -235,6 +241,14 @@ class Recording(Tabular):
     def with_readings(self, wrench: Array) -> Recording:
         """The same motion with other readings (n, p); there are none outside the repeats of a log that was cut."""
         return replace(self, wrench=wrench, whole=None)
+
+    def at_dwells(self, dwells: Dwells) -> Recording:
+        """The dwells of its rows as static poses: readings and motion averaged, with the noise of the means."""
+        recorded = MotionColumns(dwells.mean_columns(self.columns), None, instants=dwells.instants)
+        return replace(
+            self, wrench=dwells.means(dwells.wrench), motion=replace(self.motion, recorded=recorded), whole=None,
+            moved_as_measured=None, dwells=dwells,
+        )  # fmt: skip
 
     def moved(self, **parts: Any) -> Recording:
         """The same readings with these parts of the motion replaced: columns, time, repeats, continuous, form, rig.

@@ -61,7 +61,8 @@ def contact_table(contact: ContactWrench) -> pd.DataFrame:
     import pandas as pd
 
     recording = contact.recording
-    time = np.arange(recording.samples, dtype=float) if recording.time is None else recording.time
+    taken = recording.motion.recorded.instants if recording.time is None else recording.time
+    time = np.arange(recording.samples, dtype=float) if taken is None else taken
     columns = {"time": time} | dict(zip(contact.names, contact.wrench.T, strict=True))
     columns["magnitude"] = contact.magnitude
     if contact.space is Space.PLANE:
@@ -125,8 +126,10 @@ def contact_text(contact: ContactWrench) -> str:
     std = np.sqrt(np.diag(detection.zero_covariance))
     shift = ", ".join(f"{c} {v:.3g} ± {s:.2g} {u}" for (c, v, u), s in zip(shifts, std, strict=True))
     size = zip(contact.names, contact.noise_std, space.units, strict=True)
+    name, dwells = contact.recording.name, contact.recording.dwells
     lines = [
         head,
+        *([] if dwells is None else [f"{name} is read as {dwells.counted}: a row and its time are a pose."]),
         f"Zero shift relative to the fitted recording, in sensor axes: {shift}."
         if std.any()
         else "Zero: that of the fitted recording.",

@@ -189,8 +189,8 @@ def frame_sentences(case: Case, *, detailed: bool = False) -> list[str]:
     """What the data decided of frames: gravity's direction, the sign convention; `detailed`, with its estimates."""
     sentences = [] if case.sign is None else [convention_sentence(case.sign, detailed=detailed)]
     readings = [doubted.sentence for doubted in case.readings]
-    if not all(doubted.of_log and doubted.adopted for doubted in case.readings):
-        return [*readings, *([] if case.misread else sentences)]
+    if not all(doubted.adopted and (doubted.of_log or doubted.id == "static_dwells") for doubted in case.readings):
+        return [*readings, *([] if case.misread else sentences)]  # dwells leave gravity and the sign to be decided
     if case.doubted is not None:
         return [*readings, case.doubted.not_applied, *sentences]
     if case.gravity is None:

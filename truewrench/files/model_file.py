@@ -422,7 +422,7 @@ class _Model(StrictTable):
     parameters: dict[str, _Estimate]
     covariance: _Covariance
     noise_floor: dict[str, Annotated[float, Field(ge=0)]]
-    noise_source: Literal["repeats", "rig", "residual"]
+    noise_source: Literal["repeats", "rig", "residual", "dwells"]
     remainder: dict[str, Annotated[float, Field(ge=0)]]
     fitted_on: list[str] | None = None
     misfitting: list[str] | None = None

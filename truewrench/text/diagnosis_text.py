@@ -64,6 +64,7 @@ NOISE_SOURCES = {
     NoiseSource.REPEATS: "measured from {repeats} repeats",
     NoiseSource.RIG: "as stated in the rig file; no repeats",
     NoiseSource.RESIDUAL: "estimated from the residual; no repeats",
+    NoiseSource.DWELLS: "that of the means of dwells, from the rows within each",
 }
 WEAKER = {
     NoiseSource.RESIDUAL: "the noise is estimated from the residual, so that systematic error may count as noise",
