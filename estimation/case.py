@@ -128,11 +128,10 @@ class Case:
         shown = shown_reading((*case.recordings, *case.held_out), case.model, model.convention)
         if undecided is not None and (shown is None or shown.p_value is None):
             raise undecided from None
-        if shown is not None and shown.motion.compensated and case.gravity is not None:
-            # What is left of a weight may point up: a base that hangs is no explanation then.
+        if case.gravity is not None:
             upright = cls._upright(replace(model, convention=case.model.convention), several, count)
             of_upright = shown_reading((*upright.recordings, *upright.held_out), upright.model, model.convention)
-            if of_upright is not None and of_upright.motion.compensated:
+            if of_upright is not None and of_upright.is_simpler_than(shown, case.recordings, case.model):
                 case, shown = upright, of_upright
         return case if shown is None else case._with_reading(shown, model, several, read)
 

@@ -105,6 +105,21 @@ class ShownReading:
         rows = [tuple(int(number) for number in row) for row in self.axes.turn]
         return cast(QuarterTurnRotation, tuple(rows))
 
+    def is_simpler_than(self, other: ShownReading | None, recordings: Sequence[Recording], model: WrenchModel) -> bool:
+        """Whether a base that stands upright with this reading is likelier than one that a model has turned.
+
+        `other` is what is shown of it. What is left of a weight may point up, where more was subtracted; and angles
+        about other axes may be like a base, a sensor and a sign that are all others than the usual ones.
+        """
+        if self.motion.compensated:
+            return other is not None and other.motion.compensated
+        of_angles = self.motion.mistake == "euler_convention" and bool(_euler(recordings))
+        if not of_angles or self.axes.is_turned or self.axes.mistake:
+            return False
+        rows = RigidRows.of(recordings, self.model, AS_LOGGED)
+        turned = RankedReading(_axes_as_read(model), rows)
+        return self.ranked.mean_square < LEAST_GAIN * turned.mean_square
+
     def mended(self, recording: Recording, read: Collection[str] = ()) -> Recording:
         """A recording as it was meant to be logged; gravity and the mounting of a six-axis sensor are the model's.
 
@@ -271,7 +286,7 @@ def shown_reading(recordings: Sequence[Recording], model: WrenchModel, stated: C
     """
     tool = tool_model(model, recordings)
     as_logged = RigidRows.of(recordings, tool, AS_LOGGED)
-    axes_as_read = next(axes for axes in axes_readings(model.channels) if _is_as_read(axes, model))
+    axes_as_read = _axes_as_read(model)
     as_read = RankedReading(axes_as_read, as_logged)
     shown = partial(ShownReading, model=tool, stated=stated, as_read=as_read)
     # Of counts every ratio is right, and the weight is no tool's; with the other sign it is none either.
@@ -283,8 +298,7 @@ def shown_reading(recordings: Sequence[Recording], model: WrenchModel, stated: C
     stood = model.gravity_direction is not None
     hangs = MotionReading(gravity=up, mistake="inertia_sign" if stood else "", meaning=INERTIA_SIGN if stood else "")
     others = [hangs] if model.gravity_direction in (None, tuple(-c + 0.0 for c in up)) else []
-    conventions = {"" if r.reading is None else r.reading.euler for r in recordings}
-    possible = motion_readings(model.space.value, conventions.pop() if len(conventions) == 1 else "")
+    possible = motion_readings(model.space.value, _euler(recordings))
     others += [m for m in possible if all(m.applies_to(r) for r in recordings)]
     if all(SHIFTED.applies_to(recording) for recording in recordings):
         others.append(replace(SHIFTED, shift=fitted_shift(recordings, tool, axes_as_read)))
@@ -324,8 +338,18 @@ def _cost(ranked: RankedReading, stated: Convention) -> tuple[bool, ...]:
     return (is_fitted, is_mistake, axes.is_turned, motion.gravity is not None, contradicts)
 
 
-def _is_as_read(axes: AxesReading, model: WrenchModel) -> bool:
-    """Whether a model reads the recordings so."""
-    if axes.mistake or axes.convention is not model.convention:
-        return False
-    return not axes.is_turned if model.space is Space.PLANE else np.array_equal(axes.turn, np.array(model.mounting))
+def _axes_as_read(model: WrenchModel) -> AxesReading:
+    """How a model reads the axes of a wrench."""
+    planar = model.space is Space.PLANE
+    mounting = np.eye(2) if planar else np.array(model.mounting)
+    return next(
+        axes
+        for axes in axes_readings(model.channels)
+        if not axes.mistake and axes.convention is model.convention and np.array_equal(axes.turn, mounting)
+    )
+
+
+def _euler(recordings: Sequence[Recording]) -> str:
+    """The convention by which the Euler angles of all recordings were read; empty where it is not known."""
+    conventions = {"" if recording.reading is None else recording.reading.euler for recording in recordings}
+    return conventions.pop() if len(conventions) == 1 else ""

@@ -22,8 +22,9 @@ import pytest
 from design.trajectories.trajectory import Trajectory
 from diagnosis.diagnosis import Diagnosis
 from diagnosis.verdict_rule import EffectVerdict, RecordVerdict
-from modeling.effects import CATALOGUE
+from modeling.effects import CATALOGUE, catalogue
 from modeling.rig import Convention
+from modeling.space import Space
 from truewrench.command_line import COMMANDS, main, parser
 from truewrench.commands import diagnose as diagnose_command
 from truewrench.commands import effects
@@ -166,7 +167,7 @@ def test_the_result_has_the_keys_of_the_contract_and_finite_numbers(diagnosed: D
         assert isinstance(step["misfit"], float)
         for key in ("rms", "explainable_rms", "validation_rms", "validation_explainable_rms"):
             assert set(step[key]) == set(result["channels"])
-    assert {e["id"] for e in result["effects"]} == {e.id for e in CATALOGUE}
+    assert {e["id"] for e in result["effects"]} == {e.id for e in catalogue(Space.PLANE)}
     for effect in result["effects"]:
         assert effect["verdict"] in {v.value for v in EffectVerdict}
         assert {"p_value", "error_removed", "detectable", "confusable_with", "reason", "parameters"} <= set(effect)

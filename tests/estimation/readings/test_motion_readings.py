@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -12,6 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from estimation.case import Case
 from estimation.fit import fit_case
+from estimation.reading.log_reading import imported
 from estimation.readings.motion_reading import AS_LOGGED, MotionReading, motion_readings
 from estimation.recordings.recording import Recording
 from modeling.chain.model import WrenchModel, planar, spatial
@@ -34,6 +37,7 @@ from truewrench.simulated_rig import (
 )
 
 Array = NDArray[np.float64]
+Order = Literal["XYZ", "YXZ", "ZYX", "xyz"]
 
 SPATIAL, PLANAR = SpatialRig(), PlanarRig()
 Q, P, FORCES, TORQUES = ("qx", "qy", "qz", "qw"), ("px", "py", "pz"), ("fx", "fy", "fz"), ("tx", "ty", "tz")
@@ -155,6 +159,23 @@ def test_what_is_left_of_a_weight_may_be_less_than_nothing() -> None:
     with pytest.raises(InputError, match="--read payload_compensated"):
         fit_case(Case.of(model, [at_rest]))
     assert fit_case(Case.of(model, [at_rest], read=["payload_compensated"]))["m"].value == pytest.approx(-0.3, abs=0.01)
+
+
+@pytest.mark.parametrize(("meant", "read"), [("ZYX", "XYZ"), ("XYZ", "YXZ"), ("xyz", "ZYX"), ("ZYX", "ZYX")])
+def test_angles_about_other_axes_are_no_turned_base(meant: Order, read: Order, tmp_path: Path) -> None:
+    """ZYX read as XYZ exchanges two axes: a base, a sensor and a sign that are others fit as well, and are not said."""
+    frame = run(SPATIAL, 2, repeats=3)
+    log = frame[["time", *P, *FORCES, *TORQUES]].copy()
+    log["roll"], log["pitch"], log["yaw"] = turns(frame).as_euler(meant, degrees=True).T
+    log.to_csv(tmp_path / "log.csv", index=False)
+    (tmp_path / "map.toml").write_text(
+        'orientation_columns = ["roll", "pitch", "yaw"]\n'
+        f'orientation = "euler {read}"\nunits = {{ angle = "deg", position = "m" }}\n'
+    )
+    recording = imported(str(tmp_path / "log.csv"), map=tmp_path / "map.toml").recording(None)
+    case = Case.of(spatial(), [recording])
+    assert [(r.id, r.value) for r in case.readings] == ([] if meant == read else [("euler_convention", meant)])
+    assert case.gravity is None
 
 
 def as_poses(frame: pd.DataFrame) -> pd.DataFrame:
