@@ -407,8 +407,8 @@ def _with_explained(diagnosis: Diagnosis, readings: Sequence[DoubtedReading]) ->
     rivals = [doubted for doubted in readings if doubted.has_rivals]
     without = "; ".join(f"without it {doubted.meaning}, and {doubted.statement}" for doubted in rivals)
     findings = (replace(f, reason=without if f.effect.id in diagnosis.added else f.reason) for f in diagnosis.findings)
-    said = tuple(replace(doubted, adopted=True, mends=False) for doubted in readings if doubted not in rivals)
-    return replace(diagnosis, readings=said, findings=tuple(findings) if rivals else diagnosis.findings)
+    said = (r if r.adopted else replace(r, adopted=True, mends=False) for r in readings if r not in rivals)
+    return replace(diagnosis, readings=tuple(said), findings=tuple(findings) if rivals else diagnosis.findings)
 
 
 @dataclass(frozen=True, eq=False)
