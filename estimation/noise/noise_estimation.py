@@ -211,8 +211,8 @@ def estimate_noise(
     else it is the std that the rig states per channel if it does, else an autoregression fitted to the residual, which
     then cannot test the size of that residual; `fitted` is the number of parameters behind it, `events` are intervals
     (s) of a run with noise of their own. To a stated std the noise of the `motion` of a run is added, with its colour;
-    a residual has it in itself, and only where the motion is less certain than usual its rows weigh less. A channel that
-    never changes in a single run, or in poses at rest, has weight zero.
+    a residual has it in itself, and only where the motion is less certain than usual its rows weigh less. A channel
+    that never changes in a single run, or in poses at rest, has weight zero.
     """
     if recording.repeats > 1:
         _require_one_motion(recording)
