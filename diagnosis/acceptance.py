@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from math import isfinite
+from math import inf, isfinite
 
 import numpy as np
 from numpy.typing import NDArray
@@ -210,11 +210,15 @@ class AcceptanceEvidence:
     def collinear_parameter(self) -> str | None:
         """An inertial parameter of the tool that the base model determines and the candidate no longer does.
 
-        Its std is below `DETERMINED` of its value in the base model, and above its value in the candidate.
+        Its std is below `DETERMINED` of its value in the base model, and above its value in the candidate. Where all
+        recordings are poses at rest it may be unknown beside the effect altogether: no pose parts the gains of the
+        torques from the first moments, and a fit leaves both where they are.
         """
+        posed = all(r.at_rest for r in self.candidate.fit.recordings)
         for p in inertial_parameters(self.candidate.fit.model.space):
             before, after = (c.fit.parameters[p.name] for c in (self.base, self.candidate))
-            if before.std < DETERMINED * abs(before.value) and after.std > abs(before.value):
+            lost = before.std < DETERMINED * abs(before.value) and after.std > abs(before.value)
+            if lost and not (posed and after.std == inf):
                 return p.name
         return None
 

@@ -39,7 +39,14 @@ from diagnosis.verdict.unexplained_residual import UnexplainedResidual, describe
 from diagnosis.verdict_rule import RecordVerdict, VerdictRule, judge
 from estimation.case import Case
 from estimation.contact.rows_left_out import RowsLeftOut, rows_left_out
-from estimation.fit import Fit, noise_without_transients, recordings_of, require_positive_fitted_mass, unchecked_fit
+from estimation.fit import (
+    Fit,
+    in_noise_beside_pose,
+    noise_without_transients,
+    recordings_of,
+    require_positive_fitted_mass,
+    unchecked_fit,
+)
 from estimation.gravity.gravity_estimate import GravityEstimate
 from estimation.least_squares.estimates import estimates_data
 from estimation.multiplicity import bonferroni_p_value
@@ -376,7 +383,32 @@ def diagnose_case(
     from threadpoolctl import threadpool_limits  # the libraries of linear algebra have to be loaded before
 
     with threadpool_limits(1):
+        proposed = [doubted for doubted in case.readings if not doubted.adopted]
+        if case.misread and all(doubted.explained_by for doubted in proposed):
+            progress("effects that may explain what is doubted of the log")
+            diagnosis = _diagnosed(replace(case, readings=()), effects, effect_rules, progress)
+            if all(_explains(diagnosis, doubted) for doubted in proposed):
+                return _with_explained(diagnosis, case.readings)
         return _diagnosed(case, effects, effect_rules, progress)
+
+
+def _explains(diagnosis: Diagnosis, doubted: DoubtedReading) -> bool:
+    """Whether an effect that was added says the same as a reading, or explains the rows that did not belong."""
+    from estimation.readings.row_reading import pose_outlier  # of few recordings
+
+    if not doubted.has_rivals:
+        return doubted.explained_by in diagnosis.added
+    left = [r.with_readings(own) for r, own in zip(diagnosis.fit.recordings, diagnosis.fit.residuals, strict=True)]
+    return diagnosis.verdict is RecordVerdict.EXPLAINED and pose_outlier(left) is None
+
+
+def _with_explained(diagnosis: Diagnosis, readings: Sequence[DoubtedReading]) -> Diagnosis:
+    """The diagnosis with the readings that its effects explain: adopted where one says the same, else its rival."""
+    rivals = [doubted for doubted in readings if doubted.has_rivals]
+    without = "; ".join(f"without it {doubted.meaning}, and {doubted.statement}" for doubted in rivals)
+    findings = (replace(f, reason=without if f.effect.id in diagnosis.added else f.reason) for f in diagnosis.findings)
+    said = (r if r.adopted else replace(r, adopted=True, mends=False) for r in readings if r not in rivals)
+    return replace(diagnosis, readings=tuple(said), findings=tuple(findings) if rivals else diagnosis.findings)
 
 
 @dataclass(frozen=True, eq=False)
@@ -460,7 +492,7 @@ def _diagnosed(
     candidates = [e for e in (catalogue(model.space) if effects is None else effects) if e.id not in given]
     candidates = [] if case.misread else candidates  # what would be found explains the mistake
     progress("fit the rigid tool" + "".join(f", {effect.id}" for effect in model.effects))
-    base = unchecked_fit(case, start=model_initial_values(case) if model.effects else {})
+    base = in_noise_beside_pose(unchecked_fit(case, start=model_initial_values(case) if model.effects else {}))
     held_out = [HeldOut(r, n) for r, n in zip(case.held_out, case.held_out_noise, strict=True)]
     selection = _selected(base, candidates, progress, cache)
     progress("check the selected effects on held-out data")

@@ -31,6 +31,7 @@ from estimation.case import Case
 from estimation.fit import (
     Fit,
     fit_case,
+    in_noise_beside_pose,
     recordings_of,
     require_recording,
     with_ordinary_estimate,
@@ -225,7 +226,8 @@ class Study(Tabular):
     def suspects(self) -> Suspects:
         """Score tests of all effects that the current model lacks, what would remove most error first."""
         announce = count_progress(self._progress, "score tests")
-        tests = screen(self.fit, list(self._candidates.values()), cache=self._cache, announce=announce)
+        fit = in_noise_beside_pose(self.fit)
+        tests = screen(fit, list(self._candidates.values()), cache=self._cache, announce=announce)
         explained = noise_from_residual(self.fit) or self._candidate.adequate
         excess = None if explained else self._candidate.excess
         return Suspects.of(tests, self.model.space, excess)
@@ -267,7 +269,7 @@ class Study(Tabular):
         new = self._effect(effect)
         _ = self.model + new
         self._progress(f"add {new.id}")
-        (test,) = screen(self.fit, [new], candidates=len(self._candidates), cache=self._cache)
+        (test,) = screen(in_noise_beside_pose(self.fit), [new], candidates=len(self._candidates), cache=self._cache)
         if not test.excited:
             remedy = "see study.suspects() for what these recordings excite"
             raise InputError(

@@ -11,9 +11,9 @@ import numpy as np
 
 from diagnosis.comparison.comparison import Comparison, comparisons_of, noise_from_residual
 from diagnosis.progress import CountCallback, Progress, count_progress, counted, silent
-from diagnosis.screening.grid_search import affected_rows
+from diagnosis.screening.grid_search import affected_rows, projected_columns
 from diagnosis.screening.null_model import NullModel, ScreeningCache
-from diagnosis.screening.projection import ProjectedColumns
+from diagnosis.screening.projection import ProjectedColumns, columns_beside
 from diagnosis.screening.score_test import (
     ScoreTest,
     absent_effects,
@@ -23,10 +23,11 @@ from diagnosis.screening.score_test import (
     significant_effects,
 )
 from diagnosis.screening.whitened_sensitivity import whitened_sensitivities
-from estimation.fit import Fit, reestimated_noise, with_ordinary_estimate
+from estimation.fit import Fit, in_noise_beside_pose, reestimated_noise, with_ordinary_estimate
 from estimation.multiplicity import bonferroni_p_value, bonferroni_threshold, chi2_sf, chi_square_penalty
 from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel
+from modeling.effects.sensor import SensorCrosstalk
 from modeling.errors import InputError
 from modeling.significance import LEVELS
 
@@ -60,7 +61,7 @@ def effect_with_offsets(fit: Fit, effect: Effect, cache: ScreeningCache) -> Effe
 def refit_in_own_noise(before: Fit, model: WrenchModel, start: dict[str, float]) -> Fit:
     """A model refitted to the recordings of a fit in their noise, re-estimated where it comes from the residual."""
     after = before.refitted(model, start)
-    return after.in_noise(reestimated_noise(after)) if noise_from_residual(before) else after
+    return in_noise_beside_pose(after.in_noise(reestimated_noise(after))) if noise_from_residual(before) else after
 
 
 def _fixed_names(effect: Effect, model: WrenchModel) -> tuple[str, ...]:
@@ -101,6 +102,10 @@ def _significantly_off(fit: Fit, names: tuple[str, ...]) -> bool:
     return bool(chi2_sf(values @ np.linalg.solve(covariance, values), len(place)) < LEVELS.offset)
 
 
+DEPENDENT = 1e-3
+"""Share of a column's length beside others, below which its element is one of theirs, or of the tool's parameters."""
+FORCE_FROM_TORQUE = "1/m"
+"""Unit of such an element of crosstalk."""
 BEAM_WIDTH = 2
 """Sets of effects kept at each size: where two effects look alike beside the base model, the true one is in either."""
 MAX_REFITS = 3
@@ -400,12 +405,41 @@ def _refit_extension(candidate: CandidateModel, screening: ScoreTest) -> Candida
 
 def refit_with_effect(candidate: CandidateModel, screening: ScoreTest) -> CandidateModel:
     """The candidate with one more effect, refitted exactly from the score test's initial values."""
-    before = candidate.fit
+    before, effect = candidate.fit, screening.effect
     start = {**before.values, **refit_initial_values(before, screening, candidate.cache)}
-    after = refit_in_own_noise(before, before.model + screening.effect, start)
+    if isinstance(effect, SensorCrosstalk) and all(recording.at_rest for recording in before.recordings):
+        effect = with_strongest_leaks(candidate.null_model, effect)
+    after = refit_in_own_noise(before, before.model + effect, start)
     given = {e.id for e in candidate.given}
     tested = with_offsets_tested(after, candidate.cache, [e for e in after.model.effects if e.id not in given])
     return CandidateModel(tested, candidate.candidates, candidate.cache, candidate.given)
+
+
+def with_strongest_leaks(null_model: NullModel, effect: SensorCrosstalk) -> SensorCrosstalk:
+    """The crosstalk with as few elements as lower the chi-square significantly, one after the other, one at least.
+
+    Poses at rest do not tell all elements apart, nor many of them from the first moment, so that none would be
+    identifiable beside all others. What leaks from a torque into a force is left to the forces that the tool's own
+    torque is proportional to: with it crosstalk would read as every gain.
+    """
+    fit = null_model.fit
+    projected = projected_columns(null_model, fit.model + effect, effect, [{}])
+    columns, _ = columns_beside(null_model, projected.columns(0), projected.whitened.choice)
+    residual, leaks = null_model.residual.copy(), list[str]()
+    elements = effect.parameters(fit.model.space)
+    names, least = [p.name for p in elements], bonferroni_threshold(1, len(elements))
+    columns = columns * np.array([p.unit != FORCE_FROM_TORQUE for p in elements])
+    sizes = np.linalg.norm(columns, axis=0)
+    while True:
+        length = np.linalg.norm(columns, axis=0)
+        unit = columns / np.where(length > DEPENDENT * sizes, length, np.inf)
+        scores = (unit.T @ residual) ** 2
+        best = int(np.argmax(scores))
+        if leaks and scores[best] < least:
+            return replace(effect, leaks=tuple(leaks))
+        leaks.append(names[best])
+        residual -= unit[:, best] * (unit[:, best] @ residual)
+        columns = columns - np.outer(unit[:, best], unit[:, best] @ columns)
 
 
 def refit_effects(

@@ -115,7 +115,29 @@ class Case:
         """The case of recordings, of which the first `count` are to be fitted, without what their logs show."""
         if as_read:
             return cls._as_read(model, several, count)
-        from estimation.readings.decision import shown_reading  # of recordings in memory, which a streamed fit has not
+        # Of recordings in memory, which a streamed fit has not.
+        from estimation.readings.channel_reading import OF_CHANNELS, convention_by_axes, log_readings
+
+        of_log, several = log_readings(several, read)
+        if not any(doubted.id in OF_CHANNELS for doubted in of_log):
+            case = cls._in_frames_shown(model, several, count, read)
+        else:  # frames that a channel shows which is no reading are none
+            undecided = model.convention is Convention.AUTO and model.space is Space.SPACE
+            convention = convention_by_axes(several) if undecided else None
+            stated = model if convention is None else replace(model, convention=convention)
+            try:
+                case = cls._as_read(stated, several, count)
+            except InputError as error:
+                doubts = "; ".join(f"{doubted.meaning}, as {doubted.shown_by}" for doubted in of_log)
+                raise InputError(what=f"{doubts}; {error.what}", where=error.where, remedy=error.remedy) from None
+        return replace(case, readings=(*of_log, *case.readings))
+
+    @classmethod
+    def _in_frames_shown(
+        cls, model: WrenchModel, several: Sequence[Recording], count: int, read: Collection[str]
+    ) -> Case:
+        """The case of recordings whose rows and channels are read, of which the first `count` are to be fitted."""
+        from estimation.readings.decision import shown_reading
 
         undecided: InputError | None = None
         try:
@@ -200,7 +222,8 @@ class Case:
     @property
     def misread(self) -> bool:
         """Whether another reading is shown and not adopted: what a fit gives then is no measurement of the tool."""
-        return any(not reading.adopted for reading in self.readings)
+        present = {effect.id for effect in self.model.effects}
+        return any(not (reading.adopted or reading.explained_by in present) for reading in self.readings)
 
     @property
     def is_of_tool(self) -> bool:

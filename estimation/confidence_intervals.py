@@ -195,7 +195,8 @@ def _spectral_contribution(
     power, leverage, squared = (_cosine_lines(rows, channels) ** 2 for rows in (residual[:, None], basis, pull))
     share = 1 - leverage.sum(axis=2)
     ordinates = np.where(share > MIN_RESIDUAL_SHARE, power[:, :, 0] / np.maximum(share, MIN_RESIDUAL_SHARE), 0.0)
-    ordinates = np.maximum(ordinates, LEAST_POWER) if stated else ordinates  # of a channel that never changes
+    least_power = np.where(power[:, :, 0].any(axis=0), LEAST_POWER if stated else 0.0, 1.0)  # of one that is left out
+    ordinates = np.maximum(ordinates, least_power)
     # The mean is a line of its own, half a line below the first: its power is extrapolated from the spectrum.
     frequency = np.maximum(np.arange(len(power)), 0.5) / (2 * len(power))
     spectra = smooth_power_spectra(frequency[1:], ordinates[1:], shape=0.5, start=float(frequency[0]))

@@ -197,8 +197,11 @@ class Fit(Solution, Estimates):
 
     @cached_property
     def residuals(self) -> tuple[Array, ...]:
-        """Measured minus predicted of each recording, (n, p) in the channels' units."""
-        return tuple(r.wrench - self.predicted_readings(number) for number, r in enumerate(self.recordings))
+        """Measured minus predicted of each recording, (n, p) in the channels' units; 0 where a channel is left out."""
+        residuals = [r.wrench - self.predicted_readings(number) for number, r in enumerate(self.recordings)]
+        for residual, noise in zip(residuals, self.noise, strict=True):
+            residual[:, noise.left_out] = 0.0
+        return tuple(residuals)
 
 
 def require_recording(given: object, where: str) -> None:
@@ -453,6 +456,25 @@ def unchecked_fit(
             break
         fitted = fitted.in_noise(reestimated_noise(fitted), constraints=constraints)
     return fitted
+
+
+def in_noise_beside_pose(fitted: Fit) -> Fit:
+    """The fit in the noise that no function of the pose explains, where its residual of poses at rest depends on it.
+
+    Effects are searched in it: taken for noise, what a model lacks hides itself. The residual of each channel depends
+    on the weights of all, so that it has to depend on the pose in that noise, too.
+    """
+    from estimation.noise.pose_noise import noise_beside_pose
+
+    def beside(fit: Fit) -> tuple[RecordingNoise, ...]:
+        return tuple(map(noise_beside_pose, fit.recordings, fit.residuals, fitted.noise))
+
+    noise = beside(fitted)
+    if all(new is old for new, old in zip(noise, fitted.noise, strict=True)):
+        return fitted
+    again = beside(fitted.in_noise(noise))
+    confirmed = tuple(old if now is old else new for old, new, now in zip(fitted.noise, noise, again, strict=True))
+    return fitted.in_noise(confirmed)
 
 
 def solved(

@@ -26,6 +26,9 @@ Array = NDArray[np.float64]
 SMALLEST_SHARE = 1e-4
 """Of a residual's variance, that the upper half of its spectrum counts for at the least: rounded readings have none."""
 
+SMALLEST_SIZE = 1e-12
+"""N or N m, of a channel without a residual, so that it can be divided by."""
+
 
 def ordinary_estimate(fitted: Solution, residuals: Sequence[Array]) -> Solution | None:
     """Parameters by least squares, in which white noise weighs each channel of a run, from a whitened solution.
@@ -49,14 +52,19 @@ def covariance_in_noise(fitted: Solution) -> Array:
 
 
 def _by_channel(noise: RecordingNoise, residual: Array) -> RecordingNoise:
-    """The noise as white noise of each channel's own size, where it is an autoregression of the residual (n, p)."""
+    """The noise as white noise of each channel's own size, where it is an autoregression of the residual (n, p).
+
+    Of poses at rest whose residual depends on the pose, that residual is the size: a channel in which something is
+    missing weighs less then, and biases the rest less.
+    """
     whitener = noise.whitener
     if noise.source is not NoiseSource.RESIDUAL or not isinstance(whitener, AutoregressiveWhitener):
         return noise
-    if not whitener.noise.order:
+    if not whitener.noise.order and not noise.beside_pose:
         return noise
     means = block_means(residual, whitener.noise.block)
-    white = replace(NoiseModel.white(_upper_noise(means)), block=whitener.noise.block)
+    size = np.sqrt((residual**2).mean(axis=0)) if noise.beside_pose else _upper_noise(means)
+    white = replace(NoiseModel.white(np.maximum(size, SMALLEST_SIZE)), block=whitener.noise.block)
     plain = replace(whitener, noise=white)
     return replace(noise, whitener=plain, log_power_variance=np.full(plain.rows, noise.log_power_variance.mean()))
 

@@ -109,7 +109,7 @@ class PoseAdvice(Tabular):
 
     def sentences(self) -> list[str]:
         """The advice as sentences."""
-        never = ", ".join(self.never)
+        never = ", ".join(name for name in self.never if not name.startswith("bias_"))  # of a channel that is left out
         advice = [f"Not identifiable from static poses, only from motion: {never}."] if never else []
         count = len(self.chosen)
         if self.complete:
@@ -148,6 +148,7 @@ def whitened_pose_sensitivity(fitted: Fit, number: int, poses: CandidatePoses) -
     parts = (e.tangent(poses.signals, fitted.theta[index], len(poses))[1] for e in (model.load, model.bias))
     rows = np.zeros((len(poses), len(fitted.recordings[number].channels), fitted.layout.size))
     rows[:, :, index] = sum(parts) / fitted.noise[number].floor[:, None]
+    rows[:, fitted.noise[number].left_out] = 0.0
     return rows
 
 

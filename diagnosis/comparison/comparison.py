@@ -51,6 +51,9 @@ RAISED = 2.0
 """Noise floor over robust std from which outliers make the noise: 1 of normal noise of any colour, 1.4 of Laplace's,
 1.5 of Student's with three degrees of freedom."""
 
+UNEQUAL = 10.0
+"""Noise floor over the largest of the other axes': those of one sensor differ by two or three, by its shape."""
+
 
 def generic_terms(recording: Recording, load: Array) -> dict[str, Array]:
     """Regressors (n,) by name, of direction, position, velocities, accelerations and the predicted load (n, p).
@@ -163,6 +166,14 @@ def _gain_of_pairs(white: Array, residual: Array, blocks: list[NDArray[np.intp]]
     )
     np.fill_diagonal(pairs, 0.0)
     return pairs
+
+
+def pose_p_value(fit: Fit, number: int, residual: Array) -> float:
+    """P-value that the residual (n, p) of poses at rest depends on the pose no more than noise does."""
+    from estimation.noise.pose_noise import PoseNoise
+
+    noise = PoseNoise.of(fit.recordings[number], residual)
+    return 1.0 if noise is None else noise.p_value
 
 
 def event_mean_p_value(fit: Fit, number: int, residual: Array) -> float:
@@ -297,7 +308,12 @@ class Comparison(Tabular):
 
     @property
     def outlier_notes(self) -> list[str]:
-        """One line for each channel whose noise floor, measured from repeats, is that of a few outliers."""
+        """One line for each channel whose noise floor, measured from repeats, is that of a few outliers.
+
+        Of poses at rest whose noise is that of their residual, for each whose floor is far above the other axes'.
+        """
+        if self.noise.source is NoiseSource.RESIDUAL and self.recording.at_rest:
+            return _unequal_notes(self)
         return [] if self.noise.source is not NoiseSource.REPEATS else _outlier_notes(self)
 
     @property
@@ -381,6 +397,25 @@ def _outlier_notes(comparison: Comparison) -> list[str]:
     return notes
 
 
+def _unequal_notes(comparison: Comparison) -> list[str]:
+    left_out = {comparison.recording.channels[number] for number in comparison.noise.left_out}
+    notes = []
+    for channel, unit in comparison.space.channel_units.items():
+        others = [
+            comparison.noise_floor[other]
+            for other, its_unit in comparison.space.channel_units.items()
+            if its_unit == unit and other != channel and other not in left_out
+        ]
+        floor, least = comparison.noise_floor[channel], max(others, default=0.0)
+        if least > 0 and floor > UNEQUAL * least and channel not in left_out:
+            notes.append(
+                f"{comparison.recording.name}: the noise of {channel}, {floor:.2g} {unit}, is {floor / least:.2g} times"
+                " that of the other axes. It is that of the residual: a poor channel, or something that acts in it"
+                " alone and that no function of the pose shows; the sensor's stated noise, in the rig, tells which."
+            )
+    return notes
+
+
 def comparison_of(fit: Fit, number: int) -> Comparison:
     """Comparison of a fit with its recording of that number."""
     recording, noise, residual = fit.recordings[number], fit.noise[number], fit.residuals[number]
@@ -456,10 +491,12 @@ def lack_of_fit_test(
     With a noise estimate independent of the residual, the whitened rows are tested in frequency bands (each against F,
     as the spectrum is itself estimated), and the smallest p-value is Bonferroni-corrected; of a stated std the power of
     a record differs by chance, the more the redder its noise is. Where the noise is estimated from the residual, the
-    test is the `gain` of a cross-validated prediction of the residual by generic terms of the inputs.
+    test is the `gain` of a cross-validated prediction of the residual by generic terms of the inputs, and of poses at
+    rest, which are few, the F test of `PoseNoise`.
     """
     if gain is not None:
-        return None, bonferroni_p_value([gain.p_value, event_mean_p_value(fit, number, tested.readings)])
+        own = pose_p_value if fit.recordings[number].at_rest else event_mean_p_value
+        return None, bonferroni_p_value([gain.p_value, own(fit, number, tested.readings)])
     noise = fit.noise[number]
     rows, leverage = tested.rows, tested.leverage
     excited = noise.whitener.periodic_rows

@@ -76,6 +76,7 @@ class EffectEvidence:
     rejection   why it was not accepted, None unless it was tried for acceptance
     negligible  whether the upper 95 % limit of its contribution is within tolerance
     one_run     whether no recording has repeats
+    posed       whether all are poses at rest
     adjusted_p_value  of its score test, Holm over the effects that the final model lacks, as in the search
     refits      what the search has refitted with it
     """
@@ -88,6 +89,7 @@ class EffectEvidence:
     rejection: str | None = None
     negligible: bool = False
     one_run: bool = False
+    posed: bool = False
     adjusted_p_value: float = 1.0
     refits: EffectRefits = field(default_factory=EffectRefits)
 
@@ -114,7 +116,9 @@ class EffectEvidence:
 
     @property
     def unknown_noise(self) -> str:
-        """What does not suffice to know the noise at low frequencies."""
+        """What does not suffice to know the noise, of runs at low frequencies."""
+        if self.posed:
+            return "so few poses do not tell the noise well enough"
         if self.one_run:
             return "one run does not tell the low-frequency noise well enough"
         return "there are too few repeats to know the low-frequency noise"
@@ -386,6 +390,7 @@ def _evidence_on_absent(
             rejection=rejections.get(i),
             negligible=i in limits and within_tolerance(limits[i], tolerance),
             one_run=one_run,
+            posed=all(recording.at_rest for recording in final.fit.recordings),
             adjusted_p_value=adjusted.get(i, 1.0),
             refits=effect_refits(selection, final, i) if i in significant else EffectRefits(),
         ))  # fmt: skip

@@ -26,6 +26,7 @@ from estimation.noise.recording_noise import (
     repeat_noise_floor,
     sample_step,
     stated_noise_floor,
+    without_constant_channels,
 )
 from estimation.noise.tones import disturbance_basis, find_tones, sinusoids, without_sinusoids
 from estimation.noise.transient_windows import inside, samples_of
@@ -210,7 +211,8 @@ def estimate_noise(
     else it is the std that the rig states per channel if it does, else an autoregression fitted to the residual, which
     then cannot test the size of that residual; `fitted` is the number of parameters behind it, `events` are intervals
     (s) of a run with noise of their own. To a stated std the noise of the `motion` of a run is added, with its colour;
-    a residual has it in itself, and only where the motion is less certain than usual its rows weigh less.
+    a residual has it in itself, and only where the motion is less certain than usual its rows weigh less. A channel
+    that never changes in a single run, or in poses at rest, has weight zero.
     """
     if recording.repeats > 1:
         _require_one_motion(recording)
@@ -220,8 +222,8 @@ def estimate_noise(
         return _noise_of_dwells(recording.dwells)
     stated = stated_noise_floor(recording)
     if stated is not None:
-        return _noise_of_rig(stated, residual, events, motion)
-    return _noise_from_residual(recording, residual, fitted, events, motion)
+        return without_constant_channels(_noise_of_rig(stated, residual, events, motion), recording)
+    return without_constant_channels(_noise_from_residual(recording, residual, fitted, events, motion), recording)
 
 
 def _noise_of_dwells(dwells: Dwells) -> RecordingNoise:
@@ -322,8 +324,8 @@ def residual_floor(
 
 
 def with_floor_of(noise: RecordingNoise, recording: Recording, residual: Array) -> RecordingNoise:
-    """The noise, where it is taken from a residual, with the std of one sample of this one."""
-    if noise.source is not NoiseSource.RESIDUAL:
+    """The noise, where it is that of a residual, with the std of one sample of this one."""
+    if noise.source is not NoiseSource.RESIDUAL or noise.beside_pose:
         return noise
     return replace(noise, floor=residual_floor(recording, residual, 0, noise.events))
 

@@ -97,6 +97,7 @@ class RecordingNoise:
     frequency Hz of each line of a line whitener, in its order
     motion    of the predicted readings by the noise of the measured motion (single runs only)
     tones     Hz of the sinusoids detected on non-excited lines and left out of the spectrum, the strongest first
+    beside_pose  whether it is what no function of the pose explains, where a residual at rest depends on the pose
     """
 
     floor: Array
@@ -108,11 +109,17 @@ class RecordingNoise:
     frequency: Array = field(default_factory=lambda: np.zeros(0))
     tones: tuple[float, ...] = ()
     motion: MotionNoise | None = None
+    beside_pose: bool = False
 
     @property
     def filtered(self) -> bool:
         """Whether the spectra fall below their leakage, as those of a filtered sensor do: `leakage_free`."""
         return any(spectrum.nyquist < inf for spectrum in self.spectra)
+
+    @property
+    def left_out(self) -> list[int]:
+        """Numbers of the channels that have weight zero."""
+        return list(self.whitener.left_out) if isinstance(self.whitener, AutoregressiveWhitener) else []
 
     @cached_property
     def autoregression(self) -> NoiseModel:
@@ -155,6 +162,21 @@ class RecordingNoise:
     def _bases(self) -> tuple[Array, ...]:
         """Each spectrum's basis functions at the lines."""
         return tuple(bases(self.spectra, self.frequency))
+
+
+def without_constant_channels(noise: RecordingNoise, recording: Recording) -> RecordingNoise:
+    """The noise with weight zero for the channels that never change: they measure nothing, and without noise they would
+    decide whatever acts on them."""
+    constant = constant_channels(recording)
+    if not constant or not isinstance(noise.whitener, AutoregressiveWhitener):
+        return noise
+    return replace(noise, whitener=noise.whitener.without(constant))
+
+
+def constant_channels(recording: Recording) -> list[int]:
+    """Numbers of the channels that never change while others do."""
+    constant = np.ptp(recording.wrench, axis=0) == 0
+    return [] if constant.all() else [int(number) for number in np.flatnonzero(constant)]
 
 
 def sample_step(recording: Recording) -> float:

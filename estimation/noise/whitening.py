@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
@@ -230,6 +230,7 @@ class AutoregressiveWhitener(Whitener):
     weights (blocks,), factors of the rows of each block: smaller where its noise is larger
     events  ranges of blocks with a noise of their own, `event_noise`, taken as white; the `order` samples after each,
             which would be predicted from it, get weight zero
+    left_out  numbers of channels whose rows have weight zero
     """
 
     samples: int
@@ -237,6 +238,7 @@ class AutoregressiveWhitener(Whitener):
     events: tuple[tuple[int, int], ...] = ()
     event_noise: NoiseModel | None = None
     weights: Array | None = None
+    left_out: tuple[int, ...] = ()
 
     @property
     def rows(self) -> int:  # type: ignore[override]
@@ -263,6 +265,8 @@ class AutoregressiveWhitener(Whitener):
             self._whiten_events(means, rows, self.event_noise)
         if self.weights is not None:
             rows *= self.weights[order:, None]
+        if self.left_out:
+            rows[:, :, list(self.left_out)] = 0.0
 
     def _whiten_events(self, means: Array, rows: Array, noise: NoiseModel) -> None:
         order = self.noise.order
@@ -278,7 +282,14 @@ class AutoregressiveWhitener(Whitener):
     def of_channel(self, channel: int) -> AutoregressiveWhitener:
         """The whitener of one channel, for a series that is zero in the others."""
         in_events = None if self.event_noise is None else self.event_noise.of_channel(channel)
-        return replace(self, noise=self.noise.of_channel(channel), event_noise=in_events)
+        left_out = (0,) if channel in self.left_out else ()
+        return replace(self, noise=self.noise.of_channel(channel), event_noise=in_events, left_out=left_out)
+
+    def without(self, channels: Sequence[int]) -> AutoregressiveWhitener:
+        """The whitener with weight zero for channels, which tell nothing of the noise of others then."""
+        alone = np.isin(np.arange(len(self.noise.covariance)), channels)
+        covariance = np.where((alone[:, None] | alone) & ~np.eye(len(alone), dtype=bool), 0.0, self.noise.covariance)
+        return replace(self, noise=replace(self.noise, covariance=covariance), left_out=tuple(channels))
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+ANY_EFFECT = "any"
+"""In place of an effect's id."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DoubtedReading:
@@ -24,6 +27,8 @@ class DoubtedReading:
     applies_to     "rig" or "map", where it is stated
     of_log         whether the reader of the log decided it, which is so whatever a case is told of readings
     shown_by       the evidence as a clause, by default residuals, p-value and mass
+    explained_by   id of an effect that says the same: where a model has it, the recordings are read so; `ANY_EFFECT`
+                   where any may be a rival; empty where none is
     """
 
     id: str
@@ -39,6 +44,12 @@ class DoubtedReading:
     applies_to: str = "rig"
     of_log: bool = False
     shown_by: str = ""
+    explained_by: str = ""
+
+    @property
+    def has_rivals(self) -> bool:
+        """Whether any effect may explain it as well."""
+        return self.explained_by == ANY_EFFECT
 
     @property
     def evidence(self) -> str:

@@ -207,8 +207,11 @@ class SensorCrosstalk(Effect):
     """Crosstalk between channels: reading = (1 + G) wrench with zero diagonal of G.
 
     Element `<row>_<column>` of G is the gain from true channel `column` to reading `row`, in the row's unit over the
-    column's. The bias is added after it.
+    column's. The bias is added after it. With `leaks` these elements alone are free, the others zero: poses at rest do
+    not tell all of them apart.
     """
+
+    leaks: tuple[str, ...] = ()
 
     id = "sensor_crosstalk"
     title = "crosstalk between channels"
@@ -232,7 +235,7 @@ class SensorCrosstalk(Effect):
     )
 
     def parameters(self, space: Space) -> tuple[Parameter, ...]:
-        """The off-diagonal gains."""
+        """The off-diagonal gains, or those that leak."""
         units = space.channel_units
         return tuple(
             Parameter(
@@ -243,6 +246,7 @@ class SensorCrosstalk(Effect):
             )
             for row, column in permutations(space.channels, 2)
             for unit in (gain_unit(units[row], units[column]),)
+            if not self.leaks or f"{row}_{column}" in self.leaks
         )
 
     def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
@@ -251,7 +255,7 @@ class SensorCrosstalk(Effect):
         crosstalk = sp.Matrix(
             len(channels),
             len(channels),
-            lambda i, j: 0 if i == j else p[f"{channels[i]}_{channels[j]}"],
+            lambda i, j: p.get(f"{channels[i]}_{channels[j]}", 0),
         )
         return chain.with_stage(replace(chain[Gain], matrix=(sp.eye(len(channels)) + crosstalk) * chain[Gain].matrix))
 

@@ -52,7 +52,7 @@ def run(arguments: argparse.Namespace) -> None:
         diagnosis = diagnosed(case, candidates)
     diagnosis = diagnosis if calibration is None else diagnosis.calibrated(calibration)
     case = case.with_fitted_gravity(diagnosis.fit.model, diagnosis.fit.values)
-    data = diagnosis.to_data() | frames_data(case)
+    data = diagnosis.to_data() | frames_data(replace(case, readings=diagnosis.readings))
 
     def written() -> list[Path]:
         if arguments.out is None and arguments.report is None:

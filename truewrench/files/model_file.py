@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import reduce
 from math import isclose
 from operator import add
@@ -33,6 +33,7 @@ from modeling.chain.model import QUARTER_TURNS, QuarterTurnRotation, WrenchModel
 from modeling.chain.sensor_axes import axes_data
 from modeling.effects import named
 from modeling.effects.loads import OFFSETS
+from modeling.effects.sensor import SensorCrosstalk
 from modeling.errors import InputError, file_text, kind_of
 from modeling.formulas.custom_effect import CustomEffect
 from modeling.noise import NoiseSource
@@ -475,7 +476,8 @@ def _effect(table: _Effect, model: _Model, space: Space) -> Effect:
     """Effect of that id with its options, each true or an integer from 1 to the number of parameters of the file.
 
     A custom effect has its definition, whose formulas are parsed like those of an effects file. An effect at a point
-    whose x and y are not in the file is on the tip axis: it was written before these were estimated.
+    whose x and y are not in the file is on the tip axis: it was written before these were estimated. A crosstalk leaks
+    by the elements that are in the file.
     """
     if table.definition is not None:
         custom = CustomEffect.from_data(table.definition, where=table.id[:40])
@@ -490,6 +492,9 @@ def _effect(table: _Effect, model: _Model, space: Space) -> Effect:
         if not 0 < value <= len(model.parameters) or type(value) is not type(options[name]):
             raise InputError(what=f"{table.id} cannot have {name} = {value}"[:80], where="effects", remedy=REMEDY)
     configured = type(effect)(**table.options)
+    if isinstance(configured, SensorCrosstalk):
+        own = tuple(p.name for p in configured.parameters(space) if f"{table.id}.{p.name}" in model.parameters)
+        return configured if len(own) == len(configured.parameters(space)) else replace(configured, leaks=own)
     if not {f"{table.id}.{p.name}" for p in OFFSETS} & model.parameters.keys():
         return configured.restricted(space)
     return configured

@@ -34,8 +34,7 @@ from truewrench.text.diagnosis_text import WEAKER
 from truewrench.text.tool_text import (
     LEGEND,
     NOT_KNOWN,
-    constant_channels,
-    constant_torques_text,
+    left_out_channels,
     tool_lines,
 )
 
@@ -44,8 +43,6 @@ ADVICE = (
     " tw.study(...).suspects() does."
 )
 """After where a model fails: what to do about it."""
-MOMENT_UNITS = ("kg m", "kg m²")
-"""Units of first moments and inertia, which torques alone, or mostly, tell."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,14 +153,13 @@ class FitSummary:
     def _parameter_rows(self) -> Iterator[tuple[str, ...]]:
         intervals = self.intervals
         ends = zip(intervals.low, intervals.high, intervals.freedom, strict=True)
-        constant, unmeasured = constant_channels(self.fit), constant_torques_text(self.fit)
+        constant = left_out_channels(self.fit)
         for estimate, (low, high, freedom) in zip(self.fit.parameters.values(), ends, strict=True):
             row = (estimate.name, self._estimate(estimate))
             if self.unknown_tool:
                 yield (*row, NOT_KNOWN, "")
             elif (
                 estimate.name.removeprefix("bias_") in constant
-                or (unmeasured and estimate.unit in MOMENT_UNITS)
                 or estimate.std == 0
                 or not isfinite(low)
                 or estimate.name in self.fit.held
@@ -180,10 +176,8 @@ class FitSummary:
             return f"{estimate.value:.6g}{unit}, {HELD}"
         if self.unknown_tool:
             return f"{estimate.value:.2g}{unit}"
-        if (channel := estimate.name.removeprefix("bias_")) in constant_channels(self.fit):
-            return f"{estimate.value:.6g}{unit}, {channel} never changes"
-        if estimate.unit in MOMENT_UNITS and (unmeasured := constant_torques_text(self.fit)):
-            return unmeasured
+        if (channel := estimate.name.removeprefix("bias_")) in left_out_channels(self.fit):
+            return f"not known, as {channel} never changes"
         return estimate_text(estimate.value, estimate.shown_std, estimate.unit)
 
     def _effect_sizes(self) -> Iterator[str]:
@@ -203,8 +197,7 @@ class FitSummary:
 
     def _poses(self) -> Iterator[str]:
         if any(r.at_rest for r in self.fit.recordings):
-            if not constant_torques_text(self.fit):
-                yield "\n".join(str(centre) for centre in centres_of_mass(self.fit))
+            yield "\n".join(str(centre) for centre in centres_of_mass(self.fit))
             yield str(PoseAdvice.of(self.fit))
 
     # ------------------------------------------------------------------------------------------- data

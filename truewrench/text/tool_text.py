@@ -10,8 +10,10 @@ from diagnosis.verdict.unexplained_residual import unknown_tool_sentences
 from estimation.centre_of_mass import SIGNIFICANT, CentreOfMass, centres_of_mass
 from estimation.fit import Fit
 from estimation.least_squares.estimates import NOT_CONVERGED, EstimatedModel
+from estimation.noise.recording_noise import constant_channels
 from modeling.chain.sensor_axes import Axes, is_turned, sensor_to_pose, turn_words
 from modeling.chain.stages import Stage
+from modeling.effects.sensor import SensorGain
 from modeling.number_format import estimate_text
 from modeling.space import Space
 
@@ -84,16 +86,10 @@ TOO_STILL = (
 )
 
 
-def constant_channels(fitted: Fit) -> tuple[str, ...]:
-    """Channels that never change in one of the recordings: without noise, they would decide whatever acts on them."""
-    channels = enumerate(fitted.recordings[0].channels)
-    return tuple(c for i, c in channels if any(np.ptp(recording.wrench[:, i]) == 0 for recording in fitted.recordings))
-
-
-def constant_torques_text(fitted: Fit) -> str:
-    """That first moment and inertia are not known, as a torque never changes; empty where every torque does."""
-    torques = [c for c in constant_channels(fitted) if c not in FORCES]
-    return f"not known, as {' and '.join(torques)} never change{'s' * (len(torques) == 1)}" if torques else ""
+def left_out_channels(fitted: Fit) -> tuple[str, ...]:
+    """Channels that never change in one of the recordings: they measure nothing, and are left out of its fit."""
+    names, several = fitted.recordings[0].channels, (constant_channels(recording) for recording in fitted.recordings)
+    return tuple(names[i] for i in sorted({i for numbers in several for i in numbers}))
 
 
 def tool_text(fitted: Fit, *, misfitting: bool, unknown: str = "") -> str:
@@ -108,15 +104,16 @@ def tool_text(fitted: Fit, *, misfitting: bool, unknown: str = "") -> str:
         return ""
     if unknown:
         return unknown_tool_sentences(unknown)[0]
-    constant = [f"{c} never changes" for c in constant_channels(fitted) if c in FORCES]
+    constant = [f"{c} never changes" for c in left_out_channels(fitted)]
     if abs(mass.value) < SIGNIFICANT * mass.std:
         weight, why = ("not known", TOO_STILL) if _may_be_heavy(fitted) else ("none", WEIGHTLESS)
         weight, why = ("not known", f"{'; '.join(constant)}.") if constant else (weight, why)
         return f"Tool: {weight}, m {estimate_text(mass.value, mass.std, mass.unit)}: {why}"
     centres = [text for centre in centres_of_mass(fitted) if (text := _coordinates(centre))]
     where = f"; centre of mass from the sensor's origin {' and '.join(centres)}" if centres else ""
-    where = f"; centre of mass {unmeasured}" if (unmeasured := constant_torques_text(fitted)) else where
-    doubts = [*constant, *([NOT_CONVERGED] if not fitted.converged else []), *([BIASED] if misfitting else [])]
+    gains = any(effect.id == SensorGain.id for effect in fitted.model.effects)
+    weighed = [f"as {fitted.recordings[0].channels[0]} weighs it, to which the gains are relative"] * gains
+    doubts = [*constant, *weighed] + [NOT_CONVERGED] * (not fitted.converged) + [BIASED] * misfitting
     doubt = f" ({'; '.join(doubts)})" if doubts else ""
     return f"Tool: m {estimate_text(mass.value, mass.std, mass.unit)}{where}{doubt}."
 
