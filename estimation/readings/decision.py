@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from estimation.readings.axes_reading import SIGN_OF, AxesReading, axes_readings
 from estimation.readings.doubted_reading import DoubtedReading
-from estimation.readings.motion_reading import AS_LOGGED, SHIFTED, MotionReading, motion_readings
+from estimation.readings.motion_reading import AS_LOGGED, PULLED, SHIFTED, MotionReading, motion_readings
 from estimation.readings.rigid_tool import (
     MOST_ROWS,
     RankedReading,
@@ -321,6 +321,10 @@ def shown_reading(recordings: Sequence[Recording], model: WrenchModel, stated: C
 
     alike = [r for r in ranked if r.p_value_against(ranked[0], tried(ranked[0])) > LEVELS.misread]
     simplest = min(alike, key=lambda r: _cost(r, stated))
+    if simplest.motion.in_base:
+        pulled = RankedReading(axes_as_read, RigidRows.of(recordings, tool, PULLED))
+        if simplest.mean_square * LEAST_GAIN > pulled.mean_square:
+            return no_tool  # a load that does not turn with the sensor explains as much
     p_value = as_read.p_value_against(simplest, tried(simplest))
     equals = sum(_cost(r, stated) == _cost(simplest, stated) for r in alike)
     return shown(ranked=simplest, p_value=p_value) if equals == 1 and p_value <= LEVELS.misread else no_tool

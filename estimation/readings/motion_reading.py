@@ -51,6 +51,7 @@ class MotionReading:
     gravity      direction of gravity in base axes; None as the model has it
     length, time, angle  factors from what was logged to m, s and, in the plane, rad clockwise
     in_base      whether the readings are along base axes
+    pulled       whether a force and a torque that are constant in base axes act on the tool: no reading, but its rival
     compensated  whether a weight was subtracted from the readings, but no inertial force
     shift        (3,) m, from the point whose position was logged to the sensor's origin, in sensor axes
     """
@@ -65,6 +66,7 @@ class MotionReading:
     time: float = 1.0
     angle: float = 1.0
     in_base: bool = False
+    pulled: bool = False
     compensated: bool = False
     shift: Array | None = None
 
@@ -207,6 +209,8 @@ def _moving_read_as_fixed(rotation: Rotation) -> Rotation:
 
 AS_LOGGED = MotionReading()
 """The motion as it was read."""
+PULLED = MotionReading(pulled=True)
+"""As it was read, beside a cable or a hose: what of a load does not turn with the sensor is no wrench in base axes."""
 UNITS = (
     *(
         MotionReading(mistake="length_unit", detail=unit, length=factor, meaning=f"the position is in {unit}",

@@ -152,10 +152,15 @@ def rigid_derivative(
     derivative = _derivative(signals, model)
     if motion.compensated:
         return np.concatenate([derivative, _derivative(at_rest(signals, recording.dimension), model)], axis=2)
-    if not motion.in_base:
+    if not (motion.in_base or motion.pulled):
         return derivative
+    to_sensor = to_sensor_frame(np.stack([signals[name] for name in COMPONENTS], axis=1))
+    if motion.pulled:
+        constant = np.zeros((len(derivative), 6, 6))
+        constant[:, :3, :3] = constant[:, 3:, 3:] = to_sensor
+        return np.concatenate([derivative, constant], axis=2)
     derivative = np.concatenate([derivative, np.broadcast_to(np.eye(6), (len(derivative), 6, 6))], axis=2)
-    to_base = to_sensor_frame(np.stack([signals[name] for name in COMPONENTS], axis=1)).transpose(0, 2, 1)
+    to_base = to_sensor.transpose(0, 2, 1)
     return np.concatenate([to_base @ derivative[:, :3], to_base @ derivative[:, 3:]], axis=1)
 
 

@@ -152,6 +152,14 @@ def test_none_is_invented(hidden: tuple[HiddenEffect, ...], stated: bool) -> Non
             assert case.readings == ()
 
 
+@needs(DATA / "reading_cases")
+def test_a_cable_on_the_tool_is_no_wrench_along_base_axes() -> None:
+    """Most of it does not turn with the sensor, as a weight that is logged along base axes."""
+    folder = DATA / "reading_cases" / "level_base_with_cable"
+    rig = Rig.read(folder / "rig.toml")
+    assert Case.of(spatial(rig), [read(folder / "cable_k7.csv", rig=rig)]).readings == ()
+
+
 def test_poses_at_rest_are_not_doubted() -> None:
     for seed in range(10):
         assert Case.of(spatial(), [recording_of(static_poses(RIG, 24, seed=seed))]).readings == ()
