@@ -10,14 +10,16 @@ from itertools import permutations, product
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.reading.column_map import TORQUE
+from estimation.reading.column_map import FORCE, TORQUE
 from modeling.chain.model import QUARTER_TURNS
 from modeling.rig import PLANAR_CHANNELS, Convention
 
 Array = NDArray[np.float64]
 
-TORQUE_UNITS = {unit: 1 / TORQUE[unit] for unit in ("N mm", "N cm", "lbf in", "lbf ft")}
+TORQUE_UNITS = {unit: 1 / TORQUE[unit] for unit in ("N mm", "N cm", "kgf m", "kgf cm", "lbf in", "lbf ft")}
 """Logged torques for each N m, beside forces in N."""
+FORCE_UNITS = {unit: 1 / FORCE[unit] for unit in ("kgf", "lbf")}
+"""Logged forces for each N, beside torques in N m."""
 SIGN_OF = {Convention.ON_TOOL: 1.0, Convention.ON_SENSOR: -1.0}
 
 
@@ -42,9 +44,9 @@ class AxesReading:
         return not np.array_equal(self.turn, np.eye(len(self.turn)))
 
     @property
-    def torque_factor(self) -> float:
-        """By which the torques are multiplied, against the forces."""
-        return float(np.abs(self.mistaken[-1]).max())
+    def factors(self) -> tuple[float, float]:
+        """By which the forces and the torques are multiplied."""
+        return float(np.abs(self.mistaken[0]).max()), float(np.abs(self.mistaken[-1]).max())
 
     @cached_property
     def matrix(self) -> Array:
@@ -82,6 +84,8 @@ def _mistakes(channels: tuple[str, ...]) -> Iterator[tuple[str, str, Array]]:
         yield mistake, channel[-1], np.diag(np.where(np.arange(size) == number, -1.0, 1.0))
     for unit, factor in TORQUE_UNITS.items():
         yield "torque_unit", unit, np.diag(np.where(is_torque, factor, 1.0))
+    for unit, factor in FORCE_UNITS.items():
+        yield "force_unit", unit, np.diag(np.where(is_torque, 1.0, factor))
     for first, last in ((0, forces), (forces, size)):
         for order in permutations(range(first, last)):
             if order != tuple(range(first, last)):

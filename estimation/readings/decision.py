@@ -221,7 +221,8 @@ class ShownReading:
             line = f"{motion.map_line} in a map, or --read {motion.mistake}" if motion.map_line else ""
             return motion.mistake, motion.detail or None, motion.meaning, line or f"--read {motion.mistake}"
         if axes.mistake:
-            unit = f'units = {{ torque = "{axes.detail}" }} in a map, or ' if axes.mistake == "torque_unit" else ""
+            kind = axes.mistake.removesuffix("_unit")
+            unit = f'units = {{ {kind} = "{axes.detail}" }} in a map, or ' if kind != axes.mistake else ""
             return axes.mistake, axes.detail or None, _meaning(axes), f"{unit}--read {axes.mistake}"
         if motion.gravity is not None:
             direction = [int(component) for component in motion.gravity]
@@ -253,6 +254,7 @@ def _meaning(axes: AxesReading) -> str:
     columns = "fx, fy, fz" if axes.detail.startswith("f") else "tx, ty, tz"
     return {
         "torque_unit": f"the torques are in {axes.detail}, the forces in N",
+        "force_unit": f"the forces are in {axes.detail}, the torques in N m",
         "torque_sign": "the torques have the other sign than the forces",
         "force_axis_mirrored": f"the force along {axes.detail} has the other sign",
         "torque_axis_mirrored": f"the torque about {axes.detail} has the other sign",

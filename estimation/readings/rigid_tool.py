@@ -103,15 +103,15 @@ class RigidRows:
         return force, torque
 
     @cached_property
-    def _inverses(self) -> dict[float, Array]:
+    def _inverses(self) -> dict[tuple[float, float], Array]:
         return {}
 
-    def inverse(self, torque_factor: float) -> Array:
-        """Pseudoinverse (k, k) of the normal matrix where torques are multiplied by a factor."""
-        if torque_factor not in self._inverses:
-            force, torque = self._normal
-            self._inverses[torque_factor] = _inverse(force + torque_factor**2 * torque)
-        return self._inverses[torque_factor]
+    def inverse(self, factors: tuple[float, float]) -> Array:
+        """Pseudoinverse (k, k) of the normal matrix where forces and torques are multiplied by factors."""
+        if factors not in self._inverses:
+            (of_force, of_torque), (force, torque) = factors, self._normal
+            self._inverses[factors] = _inverse(of_force**2 * force + of_torque**2 * torque)
+        return self._inverses[factors]
 
     @cached_property
     def products(self) -> Array:
@@ -250,7 +250,7 @@ class RankedReading:
     @cached_property
     def parameters(self) -> Array:
         """Parameters (k,) of the tool."""
-        return self.rows.inverse(self.axes.torque_factor) @ self._right_side
+        return self.rows.inverse(self.axes.factors) @ self._right_side
 
     @cached_property
     def _right_side(self) -> Array:

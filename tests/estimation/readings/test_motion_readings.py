@@ -102,6 +102,7 @@ SPATIAL_MISTAKES: dict[str, Callable[[pd.DataFrame], pd.DataFrame]] = {
     "euler_convention XYZ": lambda f: oriented(f, Rotation.from_euler("xyz", turns(f).as_euler("XYZ"))),
     "wrench_axes base": along_base,
     "length_unit mm": lambda f: f.assign(**{name: 1000 * f[name] for name in P}).drop(columns=rates(f)),
+    "force_unit lbf": lambda f: f.assign(**{name: f[name] / 4.4482216 for name in FORCES}),
     "axes_permuted fy, fx, fz": lambda f: f.assign(fx=f.fy, fy=f.fx),
     "axes_permuted tz, ty, tx": lambda f: f.assign(tx=f.tz, tz=f.tx),
     "axes_permuted y, x, z": lambda f: f.assign(fx=f.fy, fy=f.fx, tx=f.ty, ty=f.tx),
@@ -109,7 +110,7 @@ SPATIAL_MISTAKES: dict[str, Callable[[pd.DataFrame], pd.DataFrame]] = {
     "sensor_shifted": lambda f: moved(f, (0.0, 0.02, -0.1)),
     "payload_compensated": lambda f: relieved(f, 0.8, (0.01, 0.0, 0.05)),
 }
-NOT_AT_REST = ("length_unit mm", "sensor_shifted", "payload_compensated")
+NOT_AT_REST = ("force_unit lbf", "length_unit mm", "sensor_shifted", "payload_compensated")
 
 
 @pytest.mark.parametrize(
