@@ -108,6 +108,16 @@ def test_a_mistake_is_named_proposed_and_mended(kind: str, mistake: str) -> None
     assert Case.of(model, [wrong], as_read=True).readings == ()
 
 
+@pytest.mark.parametrize("mistake", [None, "torque_sign", "force_axis_mirrored x", "torque_axis_mirrored y"])
+def test_beside_a_strong_drag_a_mistake_is_named_and_a_shift_is_not_invented(mistake: str | None) -> None:
+    """A drag at a lever r has torques in the products of r, too, which a shift of the position would explain."""
+    columns, factor, _ = MISTAKES[mistake] if mistake else ((), 1.0, None)
+    for seed in range(3):
+        frame = mistaken(run(seed, ViscousDrag(c=3.0, d=0.2)), columns, factor)
+        case = Case.of(spatial(Rig(sensor=SensorDescription(convention=Convention.ON_TOOL))), [recording_of(frame)])
+        assert [reading.id for reading in case.readings] == ([mistake.split()[0]] if mistake else [])
+
+
 @pytest.mark.parametrize("mistake", UNDECIDED_AT_REST)
 def test_at_rest_sign_and_unit_of_the_torques_are_those_of_the_centre_of_mass(mistake: str) -> None:
     """k (c x f) is (k c) x f: without inertial forces nothing tells one from the other."""
