@@ -268,6 +268,19 @@ def test_a_proposed_reading_withholds_the_verdict_until_it_is_read_so(capsys: py
     assert capsys.readouterr().out.startswith("The recording seems to be read wrongly: the torques have the other sign")
 
 
+def test_a_model_of_mended_readings_warns_of_a_log_as_it_stands(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, model = tmp_path / "log.csv", tmp_path / "model.json"
+    mistaken(run(1, samples=600), TORQUES, -1.0).to_csv(log, index=False)
+    assert main(["diagnose", str(log)]) == 0
+    assert "no effect is looked for before it is decided how the recording is read" in capsys.readouterr().out
+    assert main(["fit", str(log), "--read", "torque_sign", "--out", str(model)]) == 0
+    assert json.loads(model.read_text())["mended_as"] == ["the torques have the other sign than the forces"]
+    assert main(["compensate", str(model), str(log)]) == 0
+    assert "mended, as the torques have the other sign than the forces" in capsys.readouterr().err
+
+
 @needs(DATA / "reading_cases")
 @pytest.mark.parametrize("name", ["torque_sign", "force_x_mirrored", "torque_nmm"])
 def test_every_command_and_the_page_say_the_same(name: str, capsys: pytest.CaptureFixture[str]) -> None:
