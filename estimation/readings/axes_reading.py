@@ -44,9 +44,9 @@ class AxesReading:
         return not np.array_equal(self.turn, np.eye(len(self.turn)))
 
     def is_other_unit(self, other: AxesReading) -> bool:
-        """Whether another reading differs in the unit of the torques, or of the forces, alone."""
-        same = self.mistake == other.mistake and self.mistake.endswith("_unit") and self.convention is other.convention
-        return same and np.array_equal(self.turn, other.turn)
+        """Whether another reading differs in the unit of the torques or of the forces alone."""
+        units = self.mistake.endswith("_unit") and other.mistake.endswith("_unit")
+        return units and self.convention is other.convention and np.array_equal(self.turn, other.turn)
 
     @property
     def factors(self) -> tuple[float, float]:

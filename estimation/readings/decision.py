@@ -68,7 +68,7 @@ class ShownReading:
     model   a rigid tool's, on the tool, not turned
     as_read the reading by which they were read
     p_value that it is as near to the truth; None where nothing but the weight is doubted
-    or_units other units that the readings cannot tell from the one of the reading
+    or_units readings in other units that the data cannot tell from it
     """
 
     ranked: RankedReading
@@ -76,7 +76,7 @@ class ShownReading:
     stated: Convention
     as_read: RankedReading
     p_value: float | None
-    or_units: tuple[str, ...] = ()
+    or_units: tuple[AxesReading, ...] = ()
 
     @property
     def axes(self) -> AxesReading:
@@ -228,7 +228,12 @@ class ShownReading:
         if axes.mistake:
             kind = axes.mistake.removesuffix("_unit")
             unit = f'units = {{ {kind} = "{axes.detail}" }} in a map, or ' if kind != axes.mistake else ""
-            return axes.mistake, axes.detail or None, _meaning(axes, self.or_units), f"{unit}--read {axes.mistake}"
+            return (
+                axes.mistake,
+                axes.detail or None,
+                " or ".join(map(_meaning, (axes, *self.or_units))),
+                f"{unit}--read {axes.mistake}",
+            )
         if motion.gravity is not None:
             direction = [int(component) for component in motion.gravity]
             meaning = f"gravity points along {direction} of the base, the readings being {axes.convention.value}"
@@ -254,12 +259,12 @@ def _about_point(wrench: Array, arm: Array) -> Array:
     return np.hstack([force, torque + np.cross(arm, force)])
 
 
-def _meaning(axes: AxesReading, or_units: Sequence[str]) -> str:
-    """What a mistake with the columns means, as a clause, with other units that are alike."""
+def _meaning(axes: AxesReading) -> str:
+    """What a mistake with the columns means, as a clause."""
     columns = "fx, fy, fz" if axes.detail.startswith("f") else "tx, ty, tz"
     return {
-        "torque_unit": f"the torques are in {' or '.join((axes.detail, *or_units))}, the forces in N",
-        "force_unit": f"the forces are in {' or '.join((axes.detail, *or_units))}, the torques in N m",
+        "torque_unit": f"the torques are in {axes.detail}, the forces in N",
+        "force_unit": f"the forces are in {axes.detail}, the torques in N m",
         "torque_sign": "the torques have the other sign than the forces",
         "force_axis_mirrored": f"the force along {axes.detail} has the other sign",
         "torque_axis_mirrored": f"the torque about {axes.detail} has the other sign",
@@ -337,7 +342,7 @@ def shown_reading(recordings: Sequence[Recording], model: WrenchModel, stated: C
     if simplest.subtracted_mass < 0:  # no controller adds a weight, but a constant force in base axes does
         return no_tool
     equals = [r for r in alike if r is not simplest and _cost(r, stated) == _cost(simplest, stated)]
-    units = tuple(r.axes.detail for r in equals if simplest.axes.is_other_unit(r.axes))
+    units = tuple(r.axes for r in equals if simplest.axes.is_other_unit(r.axes))
     is_one = len(units) == len(equals) and p_value <= LEVELS.misread
     return shown(ranked=simplest, p_value=p_value, or_units=units) if is_one else no_tool
 
