@@ -44,7 +44,7 @@ class Emitted:
     """A text, and the operations per sample where it is code.
 
     frames   the frame and the sign convention of what was written, a sentence; empty of a base model
-    warning  that the model did not fit its recordings; empty where it did, or where it was not tested
+    warning  that the model did not fit its recordings, or that these were mended; empty where neither is known
     """
 
     text: str
@@ -183,7 +183,8 @@ def _code(model: Fitted | str | Path, to: str, rate: float | None) -> Emitted:
     code = GeneratedCode.of_fitted(fitted, target, _source())
     link = _sensor_link(saved)
     said = f"Wrench in the sensor frame{f', link {link}' if link else ''}. {_convention_sentence(saved)}"
-    return Emitted(code.text, code.table, said, saved.misfit_warning(BIASED))
+    warning = "; ".join(filter(None, (saved.misfit_warning(BIASED), saved.mending_warning)))
+    return Emitted(code.text, code.table, said, warning)
 
 
 def _model_file(model: Fitted | str | Path) -> ModelFile:

@@ -43,6 +43,11 @@ class AxesReading:
         """Whether the sensor is not aligned with the axes of the motion."""
         return not np.array_equal(self.turn, np.eye(len(self.turn)))
 
+    def is_other_unit(self, other: AxesReading) -> bool:
+        """Whether another reading differs in the unit of the torques or of the forces alone."""
+        units = self.mistake.endswith("_unit") and other.mistake.endswith("_unit")
+        return units and self.convention is other.convention and np.array_equal(self.turn, other.turn)
+
     @property
     def factors(self) -> tuple[float, float]:
         """By which the forces and the torques are multiplied."""

@@ -51,6 +51,8 @@ LARGEST_MASS = 5000.0
 """kg: twice what the strongest industrial robots carry; a wrist sensor that reads more reads no newtons."""
 SMALLEST_MASS = 1e-3
 """kg: a gram, below which nothing is a tool, and a reading that finds one explains nothing by it."""
+LARGEST_SHIFT = 0.5
+"""m: no flange is farther from its sensor, and torques are taken about no other point than a tip; more is a unit."""
 MOMENT_POINT = "moment_point"
 UP = {2: (0.0, 1.0), 3: (0.0, 0.0, 1.0)}
 """Gravity in base axes of a base that hangs, in the plane and in six axes."""
@@ -66,6 +68,7 @@ class ShownReading:
     model   a rigid tool's, on the tool, not turned
     as_read the reading by which they were read
     p_value that it is as near to the truth; None where nothing but the weight is doubted
+    or_units readings in other units that the data cannot tell from it
     """
 
     ranked: RankedReading
@@ -73,6 +76,7 @@ class ShownReading:
     stated: Convention
     as_read: RankedReading
     p_value: float | None
+    or_units: tuple[AxesReading, ...] = ()
 
     @property
     def axes(self) -> AxesReading:
@@ -113,12 +117,13 @@ class ShownReading:
         """
         if self.motion.compensated:
             return other is not None and other.motion.compensated
-        of_angles = self.motion.mistake == "euler_convention" and bool(_euler(recordings))
-        if not of_angles or self.axes.is_turned or self.axes.mistake:
+        if self.motion.mistake != "euler_convention" or self.axes.is_turned or self.axes.mistake:
             return False
         rows = RigidRows.of(recordings, self.model, AS_LOGGED)
         turned = RankedReading(_axes_as_read(model), rows)
-        return self.ranked.mean_square < LEAST_GAIN * turned.mean_square
+        # Of a recording in quaternions nothing says that there were angles: the model that is turned may not fit then.
+        most = LEAST_GAIN if _euler(recordings) else 1 / LEAST_GAIN
+        return self.ranked.mean_square < most * turned.mean_square
 
     def mended(self, recording: Recording, read: Collection[str] = ()) -> Recording:
         """A recording as it was meant to be logged; gravity and the mounting of a six-axis sensor are the model's.
@@ -223,7 +228,12 @@ class ShownReading:
         if axes.mistake:
             kind = axes.mistake.removesuffix("_unit")
             unit = f'units = {{ {kind} = "{axes.detail}" }} in a map, or ' if kind != axes.mistake else ""
-            return axes.mistake, axes.detail or None, _meaning(axes), f"{unit}--read {axes.mistake}"
+            return (
+                axes.mistake,
+                axes.detail or None,
+                " or ".join(map(_meaning, (axes, *self.or_units))),
+                f"{unit}--read {axes.mistake}",
+            )
         if motion.gravity is not None:
             direction = [int(component) for component in motion.gravity]
             meaning = f"gravity points along {direction} of the base, the readings being {axes.convention.value}"
@@ -303,14 +313,15 @@ def shown_reading(recordings: Sequence[Recording], model: WrenchModel, stated: C
     possible = motion_readings(model.space.value, _euler(recordings))
     others += [m for m in possible if all(m.applies_to(r) for r in recordings)]
     if all(SHIFTED.applies_to(recording) for recording in recordings):
-        others.append(replace(SHIFTED, shift=fitted_shift(recordings, tool, axes_as_read)))
+        shift = fitted_shift(recordings, tool, axes_as_read)
+        others += [replace(SHIFTED, shift=shift)] if np.linalg.norm(shift) < LARGEST_SHIFT else []
     every = [
         RankedReading(axes, rows)
         for rows in (as_logged, *(RigidRows.of(recordings, tool, motion) for motion in others))
         for axes in axes_readings(model.channels)
         if not (axes.mistake and rows.motion.mistake)
     ]
-    plausible = (r for r in every if r.mass > SMALLEST_MASS and not r.subtracted_mass < 0)
+    plausible = (r for r in every if r.mass > SMALLEST_MASS)
     ranked = sorted(plausible, key=lambda r: (r.mean_square, _cost(r, stated)))[:FEW]
     gain = ranked[0].gain_over(as_read) if ranked else 0.0
     if gain < LEAST_GAIN or ranked[0].mean_square > gain * as_logged.unstructured_mean_square > 0:
@@ -328,8 +339,12 @@ def shown_reading(recordings: Sequence[Recording], model: WrenchModel, stated: C
         if simplest.mean_square * LEAST_GAIN > pulled.mean_square:
             return no_tool  # a load that does not turn with the sensor explains as much
     p_value = as_read.p_value_against(simplest, tried(simplest))
-    equals = sum(_cost(r, stated) == _cost(simplest, stated) for r in alike)
-    return shown(ranked=simplest, p_value=p_value) if equals == 1 and p_value <= LEVELS.misread else no_tool
+    if simplest.subtracted_mass < 0:  # no controller adds a weight, but a constant force in base axes does
+        return no_tool
+    equals = [r for r in alike if r is not simplest and _cost(r, stated) == _cost(simplest, stated)]
+    units = tuple(r.axes for r in equals if simplest.axes.is_other_unit(r.axes))
+    is_one = len(units) == len(equals) and p_value <= LEVELS.misread
+    return shown(ranked=simplest, p_value=p_value, or_units=units) if is_one else no_tool
 
 
 def _cost(ranked: RankedReading, stated: Convention) -> tuple[bool, ...]:

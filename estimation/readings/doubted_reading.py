@@ -82,6 +82,11 @@ class DoubtedReading:
             f" If it is so, apply it with {self.statement}; if not, --as-read takes the recording as it is."
         )
 
+    @property
+    def is_mending(self) -> bool:
+        """Whether the recordings are changed by it before they are fitted, as no other log of the same kind is."""
+        return self.adopted and self.mends and not self.of_log
+
     def to_data(self) -> dict[str, Any]:
         """As plain data."""
         return {

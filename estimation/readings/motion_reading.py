@@ -207,6 +207,16 @@ def _moving_read_as_fixed(rotation: Rotation) -> Rotation:
     return _rotations().from_euler("XYZ", _about_fixed_axes(rotation))
 
 
+def _reordered(rotation: Rotation, read: Any, meant: Any) -> Rotation:
+    """Euler angles of a convention that were read by another one, capitals about moving axes.
+
+    SciPy's stubs list conventions one by one.
+    """
+    with catch_warnings():  # where two angles turn about one axis, any of them that give the rotation will do
+        simplefilter("ignore", UserWarning)
+        return _rotations().from_euler(meant, rotation.as_euler(read))
+
+
 AS_LOGGED = MotionReading()
 """The motion as it was read."""
 PULLED = MotionReading(pulled=True)
@@ -243,9 +253,14 @@ SPATIAL = (
                   meaning="forces and torques are along base axes"),
     *(
         MotionReading(mistake="euler_convention", detail=meant, orientation=mended,
-                      map_line=f'orientation = "euler {meant}"',
-                      meaning=f"the angles are about {axes} axes, in the order {meant}")
-        for meant, axes, mended in (("xyz", "fixed", _fixed_read_as_moving), ("XYZ", "moving", _moving_read_as_fixed))
+                      map_line=f'orientation = "euler {meant}" for "euler {read}"',
+                      meaning=f"the angles are about {axes} axes, in the order {meant}, if they were read as {read}")
+        for meant, axes, read, mended in (
+            ("xyz", "fixed", "XYZ", _fixed_read_as_moving),
+            ("XYZ", "moving", "xyz", _moving_read_as_fixed),
+            ("ZYX", "moving", "XYZ", lambda rotation: _reordered(rotation, "XYZ", "ZYX")),
+            ("XYZ", "moving", "ZYX", lambda rotation: _reordered(rotation, "ZYX", "XYZ")),
+        )
     ),
 )  # fmt: skip
 
@@ -260,22 +275,15 @@ def motion_readings(dimension: int, euler: str = "") -> tuple[MotionReading, ...
     if not euler:
         return (*UNITS, COMPENSATED, *SPATIAL)
     others = [reading for reading in SPATIAL if reading.mistake != "euler_convention"]
-    orders = ["".join(order) for axes in ("xyz", "XYZ") for order in permutations(axes)]
+    orders = ["".join(order) for axes in ("xyz", "XYZ") for order in permutations(axes)] + ["ZYZ"]
     return (*UNITS, COMPENSATED, *others, *(_euler_angles(order, euler) for order in orders if order != euler))
 
 
 def _euler_angles(meant: str, read: str) -> MotionReading:
     """Euler angles of a convention that were read by another one, capitals about moving axes."""
-
-    sequence: Any = read  # SciPy's stubs list them one by one
-
-    def mended(rotation: Rotation) -> Rotation:
-        with catch_warnings():  # where two angles turn about one axis, any of them that give the rotation will do
-            simplefilter("ignore", UserWarning)
-            return _rotations().from_euler(meant, rotation.as_euler(sequence))
-
     axes = "moving" if meant.isupper() else "fixed"
     return MotionReading(
-        mistake="euler_convention", detail=meant, orientation=mended, map_line=f'orientation = "euler {meant}"',
+        mistake="euler_convention", detail=meant, map_line=f'orientation = "euler {meant}"',
+        orientation=lambda rotation: _reordered(rotation, read, meant),
         meaning=f"the angles are about {axes} axes, in the order {meant}",
     )  # fmt: skip

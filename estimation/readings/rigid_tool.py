@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import combinations_with_replacement
 from math import comb
 
 import numpy as np
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 
 from estimation.multiplicity import student_sf
 from estimation.readings.axes_reading import AxesReading
-from estimation.readings.motion_reading import MotionReading, at_rest
+from estimation.readings.motion_reading import ROTATIONS, MotionReading, at_rest
 from estimation.recordings.recording import Recording
 from estimation.recordings.sign_convention import to_sensor_frame
 from modeling.chain.model import ALIGNED_MOUNTING, WrenchModel
@@ -144,7 +145,8 @@ def rigid_derivative(
 ) -> Array:
     """Derivative (n, p, k) of the wrench in the tool's parameters, along the axes of the readings, not turned.
 
-    Of a drag it is that in its coefficient, and in its lever for a coefficient of 1. Where a weight was subtracted, the
+    Of a drag it is that in its coefficient, in its lever for a coefficient of 1, and in the products of the lever's
+    components. Where a weight was subtracted, the
     second half of the parameters is that of the tool whose weight it is, negative. Along base axes a bias of the sensor
     turns with it, and the last six parameters are that. By default of `compared_rows`.
     """
@@ -170,7 +172,23 @@ def _derivative(signals: Mapping[str, Array], model: WrenchModel) -> Array:
     about[model.base_size : model.base_size + 1] = 1.0
     rows = len(next(iter(signals.values())))
     excited = [i for i, p in enumerate(model.parameters) if p not in model.biases]
-    return np.asarray(compiled_prediction(model).load.tangent(signals, about, rows)[1][:, :, excited])
+    derivative = np.asarray(compiled_prediction(model).load.tangent(signals, about, rows)[1][:, :, excited])
+    return np.concatenate([derivative, _of_lever_squared(signals, rows)], axis=2) if model.effects else derivative
+
+
+def _of_lever_squared(signals: Mapping[str, Array], rows: int) -> Array:
+    """Torque (n, p, k) of a drag on a body that turns about the sensor: -c r x (omega x r), linear in products of r.
+
+    It is far above the noise of a torque, and without it a position that is shifted would explain it.
+    """
+    if "dphi" in signals:
+        return np.stack([np.zeros(rows), np.zeros(rows), signals["dphi"]], axis=1)[:, :, None]
+    omega = np.stack([signals[name] for name in ROTATIONS[3][1]], axis=1)
+    torques = np.zeros((rows, 6, 6))
+    for k, (i, j) in enumerate(combinations_with_replacement(range(3), 2)):
+        torques[:, 3 + i, k] = omega[:, j]
+        torques[:, 3 + j, k] = omega[:, i]
+    return torques
 
 
 def fitted_shift(recordings: Sequence[Recording], model: WrenchModel, axes: AxesReading) -> Array:

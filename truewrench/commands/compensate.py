@@ -29,7 +29,7 @@ EXCESSIVE_NOISE_RATIO = 3.0
 def run(arguments: argparse.Namespace) -> None:
     """Compute the contact wrench, write and print it."""
     saved = ModelFile.read(arguments.model)
-    if warning := saved.misfit_warning(COUNTED):
+    for warning in filter(None, (saved.misfit_warning(COUNTED), saved.mending_warning)):
         say(f"warning: {warning}")
     recording = read_with_rig(arguments.recording, rig=saved.rig, every_row=True)
     with progress_line() as progress:

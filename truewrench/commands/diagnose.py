@@ -99,7 +99,7 @@ def write(
 
     Of each folder all files are written, or none.
     """
-    from truewrench.files.model_file import ModelFile  # with the parser of formulas
+    from truewrench.files.model_file import as_model_file  # with the parser of formulas
     from truewrench.reports.report_files import write_report_files
 
     written = [] if report is None else write_report_files(texts, report)
@@ -109,7 +109,7 @@ def write(
     contents = (
         texts.html,
         json.dumps(data, indent=2, allow_nan=False) + "\n",
-        ModelFile.of(diagnosis.fit, diagnosis.misfitting, diagnosis.tool_unknown).to_text(),
+        as_model_file(diagnosis, "diagnose").to_text(),
     )
     with ExitStack() as files:
         for name, text in zip(FILES, contents, strict=True):

@@ -16,6 +16,7 @@ from estimation.fit import Fit, fit_case
 from estimation.least_squares.bounds import Bounds
 from estimation.least_squares.constraints import Constraints
 from estimation.least_squares.prior import Prior
+from estimation.readings.doubted_reading import DoubtedReading
 from estimation.robust_fit import robust_fit_case
 from estimation.streaming.streamed_fit import StreamedFit, fit_long_log
 from modeling.errors import InputError
@@ -57,6 +58,7 @@ def run(arguments: argparse.Namespace) -> None:
         lambda: [] if arguments.report is None else write_report(arguments, summary, case),
         summary.misfitting,
         summary.unknown_tool,
+        case.readings,
     )
 
 
@@ -106,13 +108,14 @@ def print_fit(
     report: Callable[[], Sequence[Path]] = tuple,
     misfitting: Sequence[str] | None = None,
     tool_unknown: str = "",
+    readings: Sequence[DoubtedReading] = (),
 ) -> None:
     """Write the model file of --out, and print the fit as text or as JSON."""
     saved = None
     if arguments.out is not None or arguments.json:
         from truewrench.files.model_file import ModelFile  # with the parser of formulas
 
-        saved = ModelFile.of(fit, misfitting, tool_unknown)
+        saved = ModelFile.of(fit, misfitting, tool_unknown, readings)
 
     def written() -> list[Path]:
         files = [*report()]

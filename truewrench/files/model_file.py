@@ -26,6 +26,7 @@ from estimation.least_squares.estimates import (
     parameter_frame,
     parameter_table,
 )
+from estimation.readings.doubted_reading import DoubtedReading
 from estimation.recordings.recording import readings_digest
 from estimation.streaming.streamed_fit import StreamedFit
 from modeling.chain.effect import Effect
@@ -73,6 +74,7 @@ class ModelFile(NamedEstimates, Tabular):
     fitted_on     SHA-256 of the readings of each recording of the fit; None where it is not known
     misfitting    recordings that the model does not fit, held-out ones named as such; None where it was not tested
     tool_unknown  why the recordings do not say what the tool weighs; empty where they do, or it was not tested
+    mended_as     what the readings mean by which the recordings were mended before the fit (`--read`), as clauses
     """
 
     model: WrenchModel
@@ -85,10 +87,20 @@ class ModelFile(NamedEstimates, Tabular):
     fitted_on: tuple[str, ...] | None = None
     misfitting: tuple[str, ...] | None = None
     tool_unknown: str = ""
+    mended_as: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, fitted: Fit | StreamedFit, misfitting: Iterable[str] | None = None, tool_unknown: str = "") -> Self:
-        """Model file of a fit, with the biases of its first recording, and the others where they were tested."""
+    def of(
+        cls,
+        fitted: Fit | StreamedFit,
+        misfitting: Iterable[str] | None = None,
+        tool_unknown: str = "",
+        readings: Iterable[DoubtedReading] = (),
+    ) -> Self:
+        """Model file of a fit, with the biases of its first recording, and the others where they were tested.
+
+        `readings` are those of the recordings.
+        """
         noise = fitted.noise if isinstance(fitted, StreamedFit) else fitted.noise[0]
         names = [p.name for p in fitted.model.parameters]
         estimates, calibration = fitted.parameters, CalibratedModel.of(fitted)
@@ -103,7 +115,16 @@ class ModelFile(NamedEstimates, Tabular):
             fitted_on=None if isinstance(fitted, StreamedFit) else tuple(map(readings_digest, fitted.recordings)),
             misfitting=None if misfitting is None else tuple(misfitting),
             tool_unknown=tool_unknown,
+            mended_as=tuple(reading.meaning for reading in readings if reading.is_mending),
         )
+
+    @property
+    def mending_warning(self) -> str:
+        """That the model is of readings that were mended, and others have to be; empty where they were not."""
+        if not self.mended_as:
+            return ""
+        read = "; ".join(self.mended_as)
+        return f"the model was fitted to readings that were mended, as {read}: mend others alike first"
 
     @property
     def table(self) -> Table:
@@ -206,6 +227,7 @@ class ModelFile(NamedEstimates, Tabular):
             fitted_on=None if table.fitted_on is None else tuple(table.fitted_on),
             misfitting=None if table.misfitting is None else tuple(table.misfitting),
             tool_unknown=table.tool_unknown,
+            mended_as=tuple(table.mended_as or ()),
         )
 
     def to_data(self) -> dict[str, Any]:
@@ -235,6 +257,7 @@ class ModelFile(NamedEstimates, Tabular):
             **({} if self.fitted_on is None else {"fitted_on": list(self.fitted_on)}),
             **({} if self.misfitting is None else {"misfitting": list(self.misfitting)}),
             **({"tool_unknown": self.tool_unknown} if self.tool_unknown else {}),
+            **({"mended_as": list(self.mended_as)} if self.mended_as else {}),
             "rig": None if self.rig is None else self.rig.to_data(),
         }
 
@@ -252,6 +275,8 @@ class HasFit(Protocol):
     def misfitting(self) -> Iterable[str]: ...
     @property
     def tool_unknown(self) -> str: ...
+    @property
+    def readings(self) -> Iterable[DoubtedReading]: ...
 
 
 Fitted = Fit | StreamedFit | ModelFile | HasFit
@@ -268,7 +293,7 @@ def as_model_file(given: Fitted, where: str) -> ModelFile:
     if not isinstance(fitted, Fit):
         remedy = f"give a fit: tw.{where}(tw.fit(model, recording), ..); or a study, a diagnosis or a loaded model"
         raise InputError(what=f"{kind_of(given)} is no fitted model", where=where, remedy=remedy)
-    return ModelFile.of(fitted, given.misfitting, given.tool_unknown)
+    return ModelFile.of(fitted, given.misfitting, given.tool_unknown, given.readings)
 
 
 def save(fit: Fitted, path: str | Path) -> Path:
@@ -408,6 +433,10 @@ class _Covariance(StrictTable):
     matrix: list[list[Variance]]
 
 
+Line = Annotated[str, Field(max_length=1000, pattern=r"^[^\x00-\x1f\x7f-\x9f]*$")]
+"""Text of one line, as it is quoted in comments of code."""
+
+
 class _Model(StrictTable):
     format: Literal["truewrench model"]
     version: Literal[1]
@@ -427,7 +456,8 @@ class _Model(StrictTable):
     remainder: dict[str, Annotated[float, Field(ge=0)]]
     fitted_on: list[str] | None = None
     misfitting: list[str] | None = None
-    tool_unknown: Annotated[str, Field(max_length=1000, pattern=r"^[^\x00-\x1f\x7f-\x9f]*$")] = ""
+    tool_unknown: Line = ""
+    mended_as: list[Line] | None = None
     rig: dict[str, Any] | None
 
 

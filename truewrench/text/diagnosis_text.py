@@ -98,7 +98,9 @@ def _verdict_words(diagnosis: Diagnosis) -> str:
 
 
 def _no_candidate(diagnosis: Diagnosis) -> str:
-    """That no candidate effect explains the residual, or that none could be tested, and why."""
+    """That no candidate effect explains the residual, or that none was or could be tested, and why."""
+    if not diagnosis.findings and any(not doubted.adopted for doubted in diagnosis.readings):
+        return "no effect is looked for before it is decided how the recording is read"
     if not diagnosis.findings or any(f.verdict is not EffectVerdict.NOT_EXCITED for f in diagnosis.findings):
         return "no candidate effect explains it"
     reasons = "; ".join(f"{f.effect.id}: {f.reason}" for f in diagnosis.findings)

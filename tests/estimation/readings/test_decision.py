@@ -12,6 +12,7 @@ import pandas as pd
 import pytest
 from markupsafe import escape
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from diagnosis.study import study
 from diagnosis.verdict_rule import RecordVerdict
@@ -71,9 +72,10 @@ MISTAKES: dict[str, tuple[tuple[str, ...], float, str | None]] = {
     "torque_axis_mirrored y": (("ty",), -1.0, "y"),
     "torque_unit mm": (TORQUES, 1000.0, "N mm"),
     "torque_unit lbf": (TORQUES, 1 / 0.1129848290276167, "lbf in"),
+    "torque_unit kgf": (TORQUES, 1 / 0.0980665, "kgf cm"),
 }
 """Columns, by what they are multiplied, and the axis or unit; a pound-force inch is 0.1129848290276167 N m."""
-UNDECIDED_AT_REST = ("torque_sign", "torque_unit mm", "torque_unit lbf")
+UNDECIDED_AT_REST = ("torque_sign", "torque_unit mm", "torque_unit lbf", "torque_unit kgf")
 
 
 def only(readings: tuple[DoubtedReading, ...]) -> DoubtedReading:
@@ -108,11 +110,42 @@ def test_a_mistake_is_named_proposed_and_mended(kind: str, mistake: str) -> None
     assert Case.of(model, [wrong], as_read=True).readings == ()
 
 
+@pytest.mark.parametrize("mistake", [None, "torque_sign", "force_axis_mirrored x", "torque_axis_mirrored y"])
+def test_beside_a_strong_drag_a_mistake_is_named_and_a_shift_is_not_invented(mistake: str | None) -> None:
+    """A drag at a lever r has torques in the products of r, too, which a shift of the position would explain."""
+    columns, factor, _ = MISTAKES[mistake] if mistake else ((), 1.0, None)
+    for seed in range(3):
+        frame = mistaken(run(seed, ViscousDrag(c=3.0, d=0.2)), columns, factor)
+        case = Case.of(spatial(Rig(sensor=SensorDescription(convention=Convention.ON_TOOL))), [recording_of(frame)])
+        assert [reading.id for reading in case.readings] == ([mistake.split()[0]] if mistake else [])
+
+
 @pytest.mark.parametrize("mistake", UNDECIDED_AT_REST)
 def test_at_rest_sign_and_unit_of_the_torques_are_those_of_the_centre_of_mass(mistake: str) -> None:
     """k (c x f) is (k c) x f: without inertial forces nothing tells one from the other."""
     columns, factor, _ = MISTAKES[mistake]
     assert Case.of(spatial(), [recording_of(mistaken(KINDS["static"](), columns, factor))]).readings == ()
+
+
+def test_a_weight_that_is_added_is_no_reading() -> None:
+    """It is a force that is constant in base axes, and no other unit of the position explains it instead.
+
+    Of a point mass 0.08 m from a sensor that turns about a point 0.7 m away, its weight 1.6 times what it should be.
+    """
+    time, step, noise = np.arange(2500) / 125, 1e-3, np.random.default_rng(1).normal(size=(2500, 6))
+
+    def turns(t: Array) -> Rotation:
+        angles = [a * np.sin(2 * np.pi * f * t + k) for k, (a, f) in enumerate(((0.9, 0.31), (0.7, 0.43), (1.1, 0.23)))]
+        return Rotation.from_euler("XYZ", np.stack(angles, axis=1))
+
+    mass = [turns(time + k * step).apply([0.02, 0.0, 0.78]) for k in (-1, 0, 1)]
+    pushed = (mass[2] - 2 * mass[1] + mass[0]) / step**2 + np.array([0.0, 0.0, 1.6 * 9.81])
+    force = turns(time).inv().apply(pushed)
+    wrench = np.hstack([force, np.cross([0.02, 0.0, 0.08], force)]) + noise * np.repeat([0.07, 0.004], 3)
+    series = np.hstack([turns(time).as_quat(), turns(time).apply([0.0, 0.0, 0.7]), wrench])
+    names = ["qx", "qy", "qz", "qw", "px", "py", "pz", "fx", "fy", "fz", *TORQUES]
+    frame = pd.DataFrame(series, columns=names).assign(time=time)
+    assert Case.of(spatial(), [recording_of(frame)]).readings == ()
 
 
 def test_counts_are_asked_for() -> None:
@@ -233,6 +266,19 @@ def test_a_proposed_reading_withholds_the_verdict_until_it_is_read_so(capsys: py
     assert as_read["readings"] == []
     assert main(["diagnose", str(log)]) == 0
     assert capsys.readouterr().out.startswith("The recording seems to be read wrongly: the torques have the other sign")
+
+
+def test_a_model_of_mended_readings_warns_of_a_log_as_it_stands(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, model = tmp_path / "log.csv", tmp_path / "model.json"
+    mistaken(run(1, samples=600), TORQUES, -1.0).to_csv(log, index=False)
+    assert main(["diagnose", str(log)]) == 0
+    assert "no effect is looked for before it is decided how the recording is read" in capsys.readouterr().out
+    assert main(["fit", str(log), "--read", "torque_sign", "--out", str(model)]) == 0
+    assert json.loads(model.read_text())["mended_as"] == ["the torques have the other sign than the forces"]
+    assert main(["compensate", str(model), str(log)]) == 0
+    assert "mended, as the torques have the other sign than the forces" in capsys.readouterr().err
 
 
 @needs(DATA / "reading_cases")

@@ -17,7 +17,7 @@ def judged(name: str, lack_of_fit: float) -> Any:
 
 def of(**parts: Any) -> Any:
     return SimpleNamespace(
-        verdict=RecordVerdict.UNEXPLAINED, fit=SimpleNamespace(converged=True), rows_left_out=(), **parts
+        verdict=RecordVerdict.UNEXPLAINED, fit=SimpleNamespace(converged=True), rows_left_out=(), readings=(), **parts
     )
 
 
