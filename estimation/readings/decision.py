@@ -334,10 +334,13 @@ def shown_reading(recordings: Sequence[Recording], model: WrenchModel, stated: C
 
     alike = [r for r in ranked if r.p_value_against(ranked[0], tried(ranked[0])) > LEVELS.misread]
     simplest = min(alike, key=lambda r: _cost(r, stated))
-    if simplest.motion.in_base:
+    if simplest.motion.in_base or simplest.motion.compensated:
         pulled = RankedReading(axes_as_read, RigidRows.of(recordings, tool, PULLED))
-        if simplest.mean_square * LEAST_GAIN > pulled.mean_square:
-            return no_tool  # a load that does not turn with the sensor explains as much
+        # A load that does not turn with the sensor has to explain as much; of a weight that was subtracted, which is
+        # one itself, more.
+        least = LEAST_GAIN if simplest.motion.compensated else 1 / LEAST_GAIN
+        if simplest.mean_square > least * pulled.mean_square:
+            return no_tool
     p_value = as_read.p_value_against(simplest, tried(simplest))
     if simplest.subtracted_mass < 0:  # no controller adds a weight, but a constant force in base axes does
         return no_tool

@@ -77,9 +77,10 @@ class DoubtedReading:
             return (
                 f"Read so that {self.meaning}: {self.evidence}. To state it: {self.statement}; --as-read prevents it."
             )
+        rival = " An effect may explain it as well: `diagnose` looks for one first." if self.has_rivals else ""
         return (
             f"The recording seems to be read wrongly: {self.meaning}; {self.evidence}."
-            f" If it is so, apply it with {self.statement}; if not, --as-read takes the recording as it is."
+            f" If it is so, apply it with {self.statement}; if not, --as-read takes the recording as it is.{rival}"
         )
 
     @property

@@ -51,7 +51,7 @@ class MotionReading:
     gravity      direction of gravity in base axes; None as the model has it
     length, time, angle  factors from what was logged to m, s and, in the plane, rad clockwise
     in_base      whether the readings are along base axes
-    pulled       whether a force and a torque that are constant in base axes act on the tool: no reading, but its rival
+    pulled       whether forces and torques that are constant in base axes act on the tool: no reading, but its rival
     compensated  whether a weight was subtracted from the readings, but no inertial force
     shift        (3,) m, from the point whose position was logged to the sensor's origin, in sensor axes
     """

@@ -8,7 +8,7 @@ tool is whole, with its torques and inertia: mass, first moment and inertia have
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations_with_replacement
@@ -154,16 +154,29 @@ def rigid_derivative(
     derivative = _derivative(signals, model)
     if motion.compensated:
         return np.concatenate([derivative, _derivative(at_rest(signals, recording.dimension), model)], axis=2)
-    if not (motion.in_base or motion.pulled):
-        return derivative
-    to_sensor = to_sensor_frame(np.stack([signals[name] for name in COMPONENTS], axis=1))
     if motion.pulled:
-        constant = np.zeros((len(derivative), 6, 6))
-        constant[:, :3, :3] = constant[:, 3:, 3:] = to_sensor
-        return np.concatenate([derivative, constant], axis=2)
+        return np.concatenate([derivative, *_pulls(recording, signals, model, rows)], axis=2)
+    if not motion.in_base:
+        return derivative
     derivative = np.concatenate([derivative, np.broadcast_to(np.eye(6), (len(derivative), 6, 6))], axis=2)
-    to_base = to_sensor.transpose(0, 2, 1)
+    to_base = to_sensor_frame(np.stack([signals[name] for name in COMPONENTS], axis=1)).transpose(0, 2, 1)
     return np.concatenate([to_base @ derivative[:, :3], to_base @ derivative[:, 3:]], axis=1)
+
+
+def _pulls(
+    recording: Recording, signals: Mapping[str, Array], model: WrenchModel, rows: slice | None
+) -> Iterator[Array]:
+    """Derivatives (n, p, k) in forces that are constant in base axes, with their levers, and in such torques.
+
+    A force along an axis is the weight of a tool at rest under gravity along it; a torque in the plane is a bias.
+    """
+    every = compared_rows(recording) if rows is None else rows
+    for axis in np.eye(recording.dimension):
+        along = MotionReading(gravity=tuple(axis.tolist())).signals(recording, every)
+        yield _derivative(at_rest(along, recording.dimension), model)
+    if recording.dimension == 3:
+        to_sensor = to_sensor_frame(np.stack([signals[name] for name in COMPONENTS], axis=1))
+        yield np.concatenate([np.zeros_like(to_sensor), to_sensor], axis=1)
 
 
 def _derivative(signals: Mapping[str, Array], model: WrenchModel) -> Array:

@@ -23,6 +23,7 @@ from modeling.rig import Convention, Rig, SensorDescription
 from tests.shared.recordings import recording_of
 from tests.shared.rigs import described
 from truewrench.simulated_rig import (
+    BaseForce,
     CableSpring,
     CoulombFriction,
     HiddenEffect,
@@ -148,6 +149,22 @@ def test_a_shift_of_the_position_is_told_with_one_of_the_torques_point() -> None
     fitted = fit_case(Case.of(model, [about_point], read=["moment_point"]))
     moments = np.array([fitted[name].value for name in ("mx", "my", "mz")])
     np.testing.assert_allclose(moments / fitted["m"].value, CENTRE, atol=0.002)
+
+
+@pytest.mark.parametrize(("rig", "model"), [(SPATIAL, spatial_of(Convention.ON_TOOL)), (PLANAR, planar())])
+def test_a_force_constant_in_base_axes_is_a_subtracted_weight_where_it_points_up_alone(
+    rig: SimulatedRig, model: WrenchModel
+) -> None:
+    """Upwards nothing tells the two, and both are said; one that is aslant explains more than a weight does."""
+    for seed in (1, 2):
+        upwards, aslant = (
+            recording_of(run(rig, seed, BaseForce(force=force), repeats=seed, samples=500), rig=described(rig))
+            for force in ((0.0, 0.0, 4.0), (2.0, 0.0, 4.0))
+        )
+        (reading,) = Case.of(model, [upwards]).readings
+        assert reading.id == "payload_compensated"
+        assert "base_force" in reading.sentence
+        assert Case.of(model, [aslant]).readings == ()
 
 
 def test_what_is_left_of_a_weight_may_be_less_than_nothing() -> None:
