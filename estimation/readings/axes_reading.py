@@ -17,7 +17,7 @@ from modeling.rig import PLANAR_CHANNELS, Convention
 Array = NDArray[np.float64]
 
 TORQUE_UNITS = {unit: 1 / TORQUE[unit] for unit in ("N mm", "N cm", "kgf m", "kgf cm", "lbf in", "lbf ft")}
-"""Logged torques for each N m, beside forces in N."""
+"""Logged torques for each N m, beside forces in N. Those that are alike, as kgf cm and lbf in, are named together."""
 FORCE_UNITS = {unit: 1 / FORCE[unit] for unit in ("kgf", "lbf")}
 """Logged forces for each N, beside torques in N m."""
 SIGN_OF = {Convention.ON_TOOL: 1.0, Convention.ON_SENSOR: -1.0}

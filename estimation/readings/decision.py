@@ -231,7 +231,7 @@ class ShownReading:
             return (
                 axes.mistake,
                 axes.detail or None,
-                " or ".join(map(_meaning, (axes, *self.or_units))),
+                ", or ".join(map(_meaning, (axes, *self.or_units))),
                 f"{unit}--read {axes.mistake}",
             )
         if motion.gravity is not None:
