@@ -14,6 +14,7 @@ import numpy as np
 from estimation.case import Case
 from estimation.reading.log_reading import read_with_rig
 from estimation.reading.motion_evidence import motion_evidence
+from estimation.readings.doubted_reading import DoubtedReading
 from estimation.readings.of_log import readings_of_logs
 from estimation.recordings.motion import MotionForm
 from estimation.recordings.recording import Recording, require_different_readings
@@ -205,8 +206,29 @@ def frame_sentences(case: Case, *, detailed: bool = False) -> list[str]:
 def frames_data(case: Case) -> dict[str, Any]:
     """The same as data."""
     gravity = {} if case.gravity is None else {"gravity": case.gravity.to_data()}
+    sign = {} if case.sign is None else {"sign": convention_data(case.sign)}
+    return gravity | sign | {"readings": readings_data(case)}
+
+
+def readings_data(case: Case) -> list[dict[str, Any]]:
+    """Everything that the recordings are read by other than as usual, as data: gravity and mounting, too."""
     readings = [doubted.to_data() for doubted in case.readings]
-    return gravity | ({} if case.sign is None else {"sign": convention_data(case.sign)}) | {"readings": readings}
+    named = {doubted.id for doubted in case.readings}
+    if case.gravity is not None and "gravity_direction" not in named:
+        gravity, statement = case.gravity, f"{case.gravity.stated} under [robot] of the rig"
+        readings.append(_decided("gravity_direction", [*gravity.direction], gravity.sentence, statement))
+    turned = case.sign is not None and case.model.mounting != ALIGNED_MOUNTING
+    if case.sign is not None and turned and "sensor_turned" not in named:
+        mounting = [[*row] for row in case.model.mounting]
+        sentence, statement = convention_sentence(case.sign), "turn the wrench into the axes of the pose"
+        readings.append(_decided("sensor_turned", mounting, sentence, statement))
+    return readings
+
+
+def _decided(identity: str, value: Any, sentence: str, statement: str) -> dict[str, Any]:
+    """A reading that the weight decided before others were compared, as data."""
+    adopted = DoubtedReading(id=identity, value=value, meaning=sentence, statement=statement, adopted=True)
+    return adopted.to_data() | {"sentence": sentence}
 
 
 def imported_frames(recording: Recording) -> dict[str, Any]:
@@ -240,5 +262,5 @@ def imported_frames(recording: Recording) -> dict[str, Any]:
         }
     return {
         "frames": [axes, *frame_sentences(case, detailed=True), *sign],
-        "readings": [doubted.to_data() for doubted in case.readings],
+        "readings": readings_data(case),
     }

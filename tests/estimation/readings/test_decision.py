@@ -303,6 +303,16 @@ def test_every_command_and_the_page_say_the_same(name: str, capsys: pytest.Captu
     assert "ead wrongly" not in as_it_is
 
 
+@needs(DATA / "reading_cases")
+def test_a_mounting_that_the_weight_decides_is_among_the_readings(capsys: pytest.CaptureFixture[str]) -> None:
+    log = DATA / "reading_cases" / "turned_mount_axes" / "turned180x.csv"
+    for command in ("import", "fit", "diagnose"):
+        assert main([command, str(log), "--json"]) == 0
+        (reading,) = json.loads(capsys.readouterr().out)["readings"]
+        assert (reading["id"], reading["adopted"]) == ("sensor_turned", True)
+        assert reading["value"] == [[1, 0, 0], [0, -1, 0], [0, 0, -1]]
+
+
 def test_a_study_says_it_and_its_diagnosis_looks_for_no_physics() -> None:
     frame = mistaken(run(7, repeats=3), ("fx",), -1.0)
     begun = study(spatial(Rig(sensor=SensorDescription(convention=Convention.ON_TOOL))), recording_of(frame))
