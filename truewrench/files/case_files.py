@@ -214,6 +214,8 @@ def readings_data(case: Case) -> list[dict[str, Any]]:
     """Everything that the recordings are read by other than as usual, as data: gravity and mounting, too."""
     readings = [doubted.to_data() for doubted in case.readings]
     named = {doubted.id for doubted in case.readings}
+    if case.misread:  # what the weight shows of frames then is of the mistake
+        return readings
     if case.gravity is not None and "gravity_direction" not in named:
         gravity, statement = case.gravity, f"{case.gravity.stated} under [robot] of the rig"
         readings.append(_decided("gravity_direction", [*gravity.direction], gravity.sentence, statement))
