@@ -90,7 +90,12 @@ def mistaken(frame: pd.DataFrame, columns: tuple[str, ...], factor: float) -> pd
 
 @pytest.mark.parametrize(
     ("kind", "mistake"),
-    [(kind, mistake) for kind in KINDS for mistake in MISTAKES if kind != "static" or mistake not in UNDECIDED_AT_REST],
+    [
+        pytest.param(kind, mistake, marks=() if kind in ("static", "repeats with a drag") else pytest.mark.long)
+        for kind in KINDS
+        for mistake in MISTAKES
+        if kind != "static" or mistake not in UNDECIDED_AT_REST
+    ],
 )
 def test_a_mistake_is_named_proposed_and_mended(kind: str, mistake: str) -> None:
     """With a sign that is stated: the readings are as the log's author says but for the mistake."""

@@ -116,7 +116,12 @@ NOT_AT_REST = ("force_unit lbf", "length_unit mm", "sensor_shifted", "payload_co
 
 @pytest.mark.parametrize(
     ("kind", "mistake"),
-    [(k, m) for k in SPATIAL_KINDS for m in SPATIAL_MISTAKES if k != "static" or m not in NOT_AT_REST],
+    [
+        pytest.param(k, m, marks=() if k in ("static", "repeats with a drag") else pytest.mark.long)
+        for k in SPATIAL_KINDS
+        for m in SPATIAL_MISTAKES
+        if k != "static" or m not in NOT_AT_REST
+    ],
 )
 def test_a_mistake_in_six_axes_is_named_and_mended(kind: str, mistake: str) -> None:
     """With the sign that the log's author states; the tool is the rig's where it is read so."""
@@ -222,7 +227,9 @@ PLANAR_MISTAKES: dict[str, Callable[[pd.DataFrame], pd.DataFrame]] = {
 
 
 @pytest.mark.parametrize("mistake", PLANAR_MISTAKES)
-@pytest.mark.parametrize("kind", PLANAR_KINDS)
+@pytest.mark.parametrize(
+    "kind", [pytest.param(k, marks=() if k == "single with a drag" else pytest.mark.long) for k in PLANAR_KINDS]
+)
 def test_a_mistake_in_the_plane_is_named_and_mended(kind: str, mistake: str) -> None:
     frame = as_poses(PLANAR_KINDS[kind]())
     wrong = recording_of(PLANAR_MISTAKES[mistake](frame))
