@@ -440,7 +440,8 @@ def study_case(case: Case, *, effects: Sequence[Effect] | None = None, progress:
     """`study` of a case."""
     fitted = fit_case(case, start=model_initial_values(case) if case.model.effects else None)
     held_out = [HeldOut(r, n) for r, n in zip(case.held_out, case.held_out_noise, strict=True)]
-    candidates = catalogue(fitted.model.space) if effects is None else effects
+    listed = catalogue() if effects is None else effects
+    candidates = [effect for effect in listed if fitted.model.space in effect.spaces]
     return Study(fitted, held_out, candidates, progress, case.readings, case.tilt_fitted)
 
 

@@ -246,3 +246,11 @@ def test_the_samples_of_a_cell_are_those_that_its_map_counted(begun: Study) -> N
         assert np.sum(masks, axis=0).max() == 1
     with pytest.raises(InputError, match="no variable"):
         samples_of_cell(where.comparison, "passwd", 0.0)
+
+
+def test_of_a_whole_catalogue_the_effects_of_the_plane_are_tried() -> None:
+    """`effects=[*tw.effects.catalogue(), mine]` serves in the plane, too, where a spinning rotor does not show."""
+    begun = study(planar(RIG), drag_and_leak(1), effects=tw.effects.catalogue())
+    tried = {test.effect.id for test in begun.suspects().tests}
+    assert "spinning_rotor" not in tried
+    assert {"viscous_drag", "com_offset"} <= tried
