@@ -22,7 +22,7 @@ Rows = NDArray[np.intp]
 
 JUMP = 10.0
 """Deviation of a sample from the cubic through its neighbours, over the largest of others near it. Of normal noise none
-is beyond 3; of noise with the tails of Student's t with 4 degrees of freedom one sample in a million."""
+is beyond 3; of noise with the tails of Student's t with 4 degrees of freedom about one sample in a hundred thousand."""
 JUMP_SHARE = 0.05
 """Of a column's range: a jump that is smaller does no harm, and may be a step of a column that changes in steps."""
 BACK = 0.2
