@@ -230,7 +230,7 @@ def fourier_derivatives(mean: Array, dt: float, *, antiperiodic: bool = False) -
     shift = 0.5 if antiperiodic else 0.0
     carrier = np.exp(-2j * np.pi * shift * np.arange(samples) / samples)[:, None]
     spectrum = np.fft.fft(mean * carrier, axis=0)
-    order = np.fft.fftfreq(samples, 1 / samples) + shift
+    order = np.fft.ifftshift(np.arange(samples) - samples // 2) + shift  # whole numbers, which k / (N (1/N)) is not
     if not antiperiodic and samples % 2 == 0:
         order[samples // 2] *= -1  # the line at half the rate is its own mirror image
     ascending = np.argsort(np.where(order >= 0, order, np.inf))[: int(np.sum(order >= 0))]

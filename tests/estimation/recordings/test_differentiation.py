@@ -44,6 +44,16 @@ def test_periodic_motion_without_noise_is_exact(lines: int, seed: int, shift: fl
     np.testing.assert_allclose(fit.second, second, atol=1e-8)
 
 
+@pytest.mark.parametrize("samples", [49, 98, 103, 107, 187, 196, 206, 347])
+def test_no_line_is_lost_whatever_the_number_of_samples(samples: int) -> None:
+    """Their numbers are whole; n (1 / n) is not 1 for each n here."""
+    assert samples * (1 / samples) != 1
+    t = 2 * np.pi * np.arange(samples) / samples
+    for line in range(1, 12):
+        fit = fourier_derivatives(np.sin(line * t)[:, None], 2 * np.pi / samples)
+        np.testing.assert_allclose(fit.second[:, 0], -(line**2) * np.sin(line * t), atol=1e-8)
+
+
 @pytest.mark.parametrize("resolution", [1e-4, 7.4e-6])
 def test_quantisation_beyond_the_motion_is_left_out(resolution: float) -> None:
     rng = np.random.default_rng(1)
