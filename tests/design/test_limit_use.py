@@ -203,7 +203,9 @@ def test_random_feasible_keeps_every_limit_and_touches_one(series: TrajectorySer
         assert own == pytest.approx([1.0] * 3, abs=1e-8)  # joints of their own are scaled each by itself
 
 
-@pytest.mark.parametrize("series", [SERIES[0], SERIES[3]], ids=["free", "rest to rest"])
+@pytest.mark.parametrize(
+    "series", [SERIES[0], pytest.param(SERIES[3], marks=pytest.mark.long)], ids=["free", "rest to rest"]
+)
 def test_random_feasible_stays_in_the_workspace(series: TrajectorySeries) -> None:
     box = Workspace(x=(-0.5, 1.2), y=(0.1, 2.5))
     motion = random_feasible_trajectory(series, LIMITS, workspace=box, arm=ARM, tip_length=TIP, seed=2)

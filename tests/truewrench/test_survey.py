@@ -392,6 +392,7 @@ def test_killed_worker_costs_no_row(tmp_path: Path, cluster: DaskProcesses) -> N
     assert len(workers) == 2  # both had begun
 
 
+@pytest.mark.long
 def test_dask_client_is_an_executor(tmp_path: Path, cluster: DaskProcesses) -> None:
     paths = files(tmp_path, 3)
     from distributed import Client  # slow to import
