@@ -17,6 +17,8 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+from truewrench.files import output
+
 settings.register_profile("seeded", derandomize=True, max_examples=60)
 settings.load_profile("seeded")
 for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
@@ -24,6 +26,7 @@ for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
 KEPT = Path(__file__).resolve().parents[1] / ".pytest_cache" / "derivations"
 os.environ.setdefault("TRUEWRENCH_CACHE", str(KEPT))
 gc.set_threshold(100_000, 20, 20)
+output.FIRST_LINE = 3600.0  # what a busy machine makes long says nothing of it
 
 Made = pytest.Item | pytest.Collector | list[pytest.Item | pytest.Collector] | None
 """What pytest makes of a name of a module or class."""

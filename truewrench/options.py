@@ -149,7 +149,7 @@ def add_verbosity(command: argparse.ArgumentParser) -> None:
     group = command.add_mutually_exclusive_group()
     text = "print nothing but errors and warnings, and with --json the data; files are written"
     group.add_argument("--quiet", action="store_true", help=text)
-    text = "progress as lines on stderr, for a log (default: one line, on a terminal only)"
+    text = "each stage as a line on stderr (default: one line on a terminal; in a log after 10 s, then each minute)"
     group.add_argument("--progress", action="store_true", help=text)
 
 
@@ -157,11 +157,9 @@ def add_verbosity(command: argparse.ArgumentParser) -> None:
 def verbosity(arguments: argparse.Namespace) -> Iterator[None]:
     """What --quiet and --progress ask for, for the time of one command."""
     quiet, lines = getattr(arguments, "quiet", False), getattr(arguments, "progress", False)
-    if not quiet and not lines:
-        yield
-        return
+    style = ProgressStyle.LINES if lines else ProgressStyle.SILENT if quiet else ProgressStyle.TERMINAL
     with ExitStack() as stack:
-        stack.enter_context(progress_style(ProgressStyle.LINES if lines else ProgressStyle.SILENT))
+        stack.enter_context(progress_style(style))
         if quiet and not getattr(arguments, "json", False):
             stack.enter_context(redirect_stdout(stack.enter_context(open(os.devnull, "w", encoding="utf-8"))))
         yield

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from importlib.metadata import version
 from math import isfinite
 from pathlib import Path
+from time import sleep
 from typing import Any
 
 import numpy as np
@@ -687,6 +688,20 @@ def test_a_log_sees_progress_as_lines(run: Runner, bench: Bench) -> None:
     (line,) = done.err.splitlines()
     assert re.fullmatch(r" +\d+\.\d s  fit", line)
     assert run("fit", bench.training, "--rig", bench.rig).err == ""
+
+
+def test_long_work_says_in_a_log_that_it_goes_on(
+    run: Runner, bench: Bench, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(output, "FIRST_LINE", 0.01)
+    monkeypatch.setattr(output, "NEXT_LINES", 0.02)
+    with progress_style(ProgressStyle.TERMINAL), progress_line() as progress:
+        progress("score tests: 2 of 3")
+        sleep(0.2)
+    first, second, *_ = capsys.readouterr().err.splitlines()
+    assert first.split(maxsplit=2)[1:] == second.split(maxsplit=2)[1:] == ["s", "score tests: 2 of 3"]
+    assert run("fit", bench.training, "--rig", bench.rig, "--quiet").err == ""
+    assert "  fit" in run("fit", bench.training, "--rig", bench.rig).err
 
 
 def test_all_stages_of_a_command_are_timed_by_one_clock(

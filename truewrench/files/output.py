@@ -10,6 +10,7 @@ from contextvars import ContextVar
 from enum import Enum
 from pathlib import Path
 from shutil import get_terminal_size
+from threading import Event, Thread
 from time import monotonic
 
 from modeling.errors import InputError
@@ -20,12 +21,14 @@ REPORT_FILES = ("report.html", "report.md")
 """Files in the folder of a report."""
 LINE_INTERVAL = 5.0
 """Time (s) between lines of one stage in a log."""
+FIRST_LINE, NEXT_LINES = 10.0, 60.0
+"""Time (s) after which work says, without a terminal, that it goes on, and how often it does so then."""
 
 
 class ProgressStyle(Enum):
     """How a command reports its progress on stderr."""
 
-    TERMINAL = "terminal"  # one line that is overwritten; nothing without a terminal
+    TERMINAL = "terminal"  # one line that is overwritten; without a terminal a line of long work, and one a minute
     LINES = "lines"  # a line of each stage, with the time since the start
     SILENT = "silent"
 
@@ -33,17 +36,34 @@ class ProgressStyle(Enum):
 _STYLE = ContextVar("progress style", default=ProgressStyle.TERMINAL)
 _BEGIN: ContextVar[float | None] = ContextVar("start of the command", default=None)
 """When the command began (s of the monotonic clock): lines of a log count from there."""
+_STAGE: ContextVar[list[str] | None] = ContextVar("what a command without a terminal does", default=None)
+"""Its last message, alone in the list."""
 
 
 @contextmanager
 def progress_style(style: ProgressStyle) -> Iterator[None]:
     """Progress of this style for the time of one command."""
-    token, begin = _STYLE.set(style), _BEGIN.set(monotonic())
+    stage = ["reading"] if style is ProgressStyle.TERMINAL and not sys.stderr.isatty() else None
+    set_style, set_begin, set_stage = _STYLE.set(style), _BEGIN.set(monotonic()), _STAGE.set(stage)
+    over = Event()
+    if stage is not None:
+        Thread(target=_say_that_it_goes_on, args=(stage, over), daemon=True).start()
     try:
         yield
     finally:
-        _STYLE.reset(token)
-        _BEGIN.reset(begin)
+        over.set()
+        _STYLE.reset(set_style)
+        _BEGIN.reset(set_begin)
+        _STAGE.reset(set_stage)
+
+
+def _say_that_it_goes_on(stage: list[str], over: Event) -> None:
+    """A line with the last message after FIRST_LINE seconds, and others every NEXT_LINES, until the work is over."""
+    elapsed = pause = FIRST_LINE
+    while not over.wait(pause):
+        say(f"{elapsed:7.1f} s  {stage[0]}")
+        pause = NEXT_LINES
+        elapsed += pause
 
 
 def make_folder(path: Path) -> Path:
@@ -135,13 +155,14 @@ def say(text: str) -> None:
 def progress_line() -> Iterator[Callable[[str], None]]:
     """Callback for progress messages, in the style of the command.
 
-    On a terminal one line, erased at the end; no output without a terminal. Else lines for a log.
+    On a terminal one line, erased at the end; without one, a line after ten seconds and one a minute. Else lines for a
+    log.
     """
-    style, stream = _STYLE.get(), sys.stderr
+    style, stage = _STYLE.get(), _STAGE.get()
     if style is ProgressStyle.LINES:
         yield _log_lines()
-    elif style is ProgressStyle.SILENT or not stream.isatty():
-        yield lambda _message: None
+    elif style is ProgressStyle.SILENT or not sys.stderr.isatty():
+        yield lambda message: None if stage is None else stage.__setitem__(0, message)
     else:
         with _overwritten_line() as show:
             yield show
