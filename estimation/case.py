@@ -161,6 +161,7 @@ class Case:
         self, shown: ShownReading, given: WrenchModel, several: Sequence[Recording], read: Collection[str]
     ) -> Case:
         """The case with a reading that is shown, adopted where that contradicts no statement or is asked for."""
+        shown = shown.read_as(read)
         if shown.is_net:  # the fit refuses it unless it is meant so
             adopted = replace(shown.doubted, adopted=True)
             return replace(self, readings=(adopted,)) if shown.doubted.id in read else self

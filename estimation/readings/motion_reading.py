@@ -241,6 +241,7 @@ PLANAR = (
     MotionReading(mistake="orientation_inverse", angle=-1.0, meaning="phi is counted counterclockwise"),
     MotionReading(mistake="angle_unit", detail="deg", angle=pi / 180, map_line='units = { angle = "deg" }',
                   meaning="phi is in degrees"),
+    MotionReading(mistake="wrench_axes", detail="base", in_base=True, meaning="forces are along base axes"),
 )  # fmt: skip
 SPATIAL = (
     MotionReading(mistake="orientation_inverse", orientation=_inverse, map_line='orientation_of = "base"',
