@@ -20,16 +20,19 @@ from estimation.readings.doubted_reading import DoubtedReading
 from estimation.readings.row_reading import pose_outlier
 from estimation.recordings.recording import Recording
 from modeling.chain.model import planar, spatial
+from modeling.effects import named
 from modeling.rig import Convention, Rig, SensorDescription
-from tests.shared.recordings import recording_of
+from tests.shared.recordings import FEW, recording_of
 from truewrench.command_line import main
 from truewrench.simulated_rig import (
     CableSpring,
+    HiddenEffect,
     PlanarRig,
     Saturation,
     SensorGain,
     SimulatedRig,
     SpatialRig,
+    ViscousDrag,
     simulate,
     static_poses,
     write_recording,
@@ -40,17 +43,23 @@ Array = NDArray[np.float64]
 SPACE, PLANE = SpatialRig(), PlanarRig()
 PLANAR = Rig(link_lengths=PLANE.link_lengths, tip_length=0.2)
 KINDS = ("static", "static in the plane", "run", "run in the plane")
+DRAG = ViscousDrag(c=0.4, d=0.12)
 QUATERNION = ["qx", "qy", "qz", "qw"]
 
 
-def frame_of(kind: str, seed: int = 1) -> pd.DataFrame:
-    """Readings of the rig; a temperature that changes with time is none of a pose's."""
+def frame_of(kind: str, seed: int = 1, *hidden: HiddenEffect) -> pd.DataFrame:
+    """Readings of the rig; a temperature that changes with time is none of a pose's. A long run is at 1200 Hz."""
     rig: SimulatedRig = PLANE if "plane" in kind else SPACE
     if kind.startswith("static"):
-        frame = static_poses(rig, 24, seed=seed)
+        frame = static_poses(rig, 24, hidden=hidden, seed=seed)
     else:
-        frame = simulate(rig, rig.random_motion(seed=seed), repeats=1, samples_per_period=900, seed=seed)
-    return frame.drop(columns=["temperature", "repeat"], errors="ignore")
+        samples, repeats = 6000 if kind.startswith("long") else 900, 3 if kind.startswith("repeats") else 1
+        motion = rig.random_motion(seed=seed)
+        frame = simulate(
+            rig, motion, hidden=hidden, repeats=repeats, samples_per_period=samples // repeats, seed=seed
+        )
+        frame = frame if repeats > 1 else frame.drop(columns="repeat")
+    return frame.drop(columns="temperature", errors="ignore")
 
 
 def pushed(frame: pd.DataFrame, rows: int | list[int], channel: str, by: float | Array) -> pd.DataFrame:
@@ -162,6 +171,64 @@ def test_nothing_is_invented_of_noise() -> None:
     assert sum(shown is not None for shown in normal) <= 2
     heavy = [pose_outlier([noise_of(lambda rng, size: rng.standard_t(4, size), seed)]) for seed in range(200)]
     assert sum(shown is not None for shown in heavy) <= 12
+
+
+# ------------------------------------------------------------------------- every kind, alone and beside a drag
+
+
+def other_orientation(frame: pd.DataFrame, row: int) -> pd.DataFrame:
+    """The frame with another orientation in one row, of a joint in the plane."""
+    return pushed(frame, row, "q3", 0.7) if "q3" in frame else turned(frame, row, Rotation.from_rotvec([0.7, 0.0, 0.0]))
+
+
+def clipped(frame: pd.DataFrame) -> pd.DataFrame:
+    """The frame with fx at the limits of a range about zero."""
+    limit = 0.8 * float(np.abs(frame["fx"]).max())
+    return frame.assign(fx=frame["fx"].clip(-limit, limit))
+
+
+SPOILED: dict[str, Callable[[pd.DataFrame], pd.DataFrame]] = {
+    "pose_outlier of a force": lambda f: pushed(f, len(f) // 2, "fx", 20.0),
+    "pose_outlier of an orientation": lambda f: other_orientation(f, len(f) // 2),
+    "channel_constant": lambda f: f.assign(fy=0.25),
+    "channel_copied": lambda f: f.assign(tau=-f.fx) if "tau" in f else f.assign(tz=-f.ty),
+    "channel_saturated": clipped,
+}
+"""What is named, with the change to a frame that it is said of."""
+NAMED_ON = [
+    (kind, drag, spoiled)
+    for kind in (*KINDS, "long", "long in the plane", "repeats", "repeats in the plane")
+    for drag in (False, True)
+    for spoiled in SPOILED
+    if not (drag and kind.startswith("static"))  # nothing drags a tool that rests
+    if not (kind.startswith("repeats") and spoiled == "pose_outlier of a force")  # repeats show it by themselves
+]
+
+
+@pytest.mark.parametrize(
+    ("kind", "drag", "spoiled"),
+    [
+        pytest.param(*case, marks=() if case[0].startswith("static") or case[:2] == ("run in the plane", True)
+                     else pytest.mark.long)
+        for case in NAMED_ON
+    ],
+)  # fmt: skip
+def test_it_is_named_on_every_kind_and_a_drag_beside_it_too(kind: str, drag: bool, spoiled: str) -> None:
+    """By its name first; once it is read so, or where `saturation` says the same, the drag and nothing else."""
+    frame = SPOILED[spoiled](frame_of(kind, 2, *[DRAG] * drag))
+    name, effect = spoiled.split()[0], "saturation" if spoiled == "channel_saturated" else ""
+    case = case_of(frame)
+    assert (one(case).id, case.misread) == (name, True)
+    diagnosis = diagnose_case(case_of(frame, name), effects=[*FEW, named("saturation")])
+    assert [(reading.id, reading.adopted) for reading in diagnosis.readings] == [(name, True)]
+    effects = {effect} - {""} if not kind.startswith("static") else set()
+    assert set(diagnosis.added) == effects | ({"viscous_drag"} if drag else set())
+    assert diagnosis.verdict is (RecordVerdict.EXPLAINED if diagnosis.added else RecordVerdict.NOTHING_MISSING)
+    mass = diagnosis.fit.parameters["m"]
+    truth = (PLANE if "plane" in kind else SPACE).mass
+    assert mass.value == pytest.approx(truth, abs=max(4 * mass.std, 0.001 * truth))
+    if drag:
+        assert diagnosis.fit.values["viscous_drag.c"] == pytest.approx(DRAG.c, rel=0.05)
 
 
 # ----------------------------------------------------------------------------------------------- channels
