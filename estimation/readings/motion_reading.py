@@ -88,6 +88,8 @@ class MotionReading:
         """Inputs of a model (m,) by name as they were meant, of some samples."""
         if self.gravity is not None:
             recording = recording.moved(rig=replace(recording.rig or Rig(), gravity_direction=self.gravity))
+        if abs(self.angle) != 1:  # of degrees that were read as rad whole turns were left out where they jump
+            return {name: series[every] for name, series in self.mended(recording).signals.items()}
         signals = {name: series[every] for name, series in recording.signals.items()}
         direction = None if recording.rig is None else recording.rig.gravity_direction
         if self.orientation is not None:
