@@ -161,7 +161,6 @@ class Case:
         self, shown: ShownReading, given: WrenchModel, several: Sequence[Recording], read: Collection[str]
     ) -> Case:
         """The case with a reading that is shown, adopted where that contradicts no statement or is asked for."""
-        shown = shown.read_as(read)
         if shown.is_net:  # the fit refuses it unless it is meant so
             adopted = replace(shown.doubted, adopted=True)
             return replace(self, readings=(adopted,)) if shown.doubted.id in read else self
@@ -170,7 +169,7 @@ class Case:
         chosen = next((r for r in shown.readings if r.id in read), shown.doubted)
         if proposed and (chosen.id not in read or shown.p_value is None):
             return replace(self, readings=shown.readings)
-        adopted = replace(chosen, adopted=True)
+        shown, adopted = shown.read_as(chosen.id), replace(chosen, adopted=True)
         if of_log and shown.motion.gravity is None:
             mended = [shown.mended(recording, [chosen.id]) for recording in several]
             convention = given.convention if given.convention is Convention.AUTO else shown.axes.convention

@@ -79,9 +79,9 @@ class ShownReading:
     or_units: tuple[AxesReading, ...] = ()
     or_else: tuple[ShownReading, ...] = ()
 
-    def read_as(self, read: Collection[str]) -> ShownReading:
-        """The one of those that are alike whose id is among `read`, by default this."""
-        return next((s for s in (self, *self.or_else) if any(r.id in read for r in s.readings)), self)
+    def read_as(self, identity: str) -> ShownReading:
+        """The one of those that are alike with this id, by default this."""
+        return next((shown for shown in self.or_else if shown.doubted.id == identity), self)
 
     @property
     def axes(self) -> AxesReading:

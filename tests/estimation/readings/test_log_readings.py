@@ -55,9 +55,7 @@ def frame_of(kind: str, seed: int = 1, *hidden: HiddenEffect) -> pd.DataFrame:
     else:
         samples, repeats = 6000 if kind.startswith("long") else 900, 3 if kind.startswith("repeats") else 1
         motion = rig.random_motion(seed=seed)
-        frame = simulate(
-            rig, motion, hidden=hidden, repeats=repeats, samples_per_period=samples // repeats, seed=seed
-        )
+        frame = simulate(rig, motion, hidden=hidden, repeats=repeats, samples_per_period=samples // repeats, seed=seed)
         frame = frame if repeats > 1 else frame.drop(columns="repeat")
     return frame.drop(columns="temperature", errors="ignore")
 

@@ -219,6 +219,8 @@ PLANAR_KINDS: dict[str, Callable[[], pd.DataFrame]] = {
     "long with a drag": lambda: run(PLANAR, 3, DRAG, samples=4000),
     "static": lambda: static_poses(PLANAR, 24, seed=4).drop(columns="temperature"),
 }
+
+
 def along_x_and_y(frame: pd.DataFrame) -> pd.DataFrame:
     """Forces along the axes of the position: those of the readings at phi = 0 are x and -y, and phi is clockwise."""
     cosine, sine = np.cos(frame.phi), np.sin(frame.phi)
