@@ -360,8 +360,8 @@ def shown_reading(recordings: Sequence[Recording], model: WrenchModel, stated: C
     units_alone = all(one.axes.is_other_unit(axes) for one, others in named for axes in others)
     if p_value > LEVELS.misread or not (units_alone and all(simplest.is_like(one) for one, _ in named)):
         return no_tool
-    first, *others = (shown(ranked=one, p_value=p_value, or_units=units) for one, units in named)
-    return replace(first, or_else=tuple(others))
+    first, *or_else = (shown(ranked=one, p_value=p_value, or_units=units) for one, units in named)
+    return replace(first, or_else=tuple(or_else))
 
 
 def _cost(ranked: RankedReading, stated: Convention) -> tuple[bool, ...]:

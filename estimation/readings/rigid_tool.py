@@ -160,7 +160,8 @@ def rigid_derivative(
         return derivative
     channels = derivative.shape[1]
     zero = np.broadcast_to(np.eye(channels), (len(derivative), channels, channels))
-    return from_base_axes(signals, model).transpose(0, 2, 1) @ np.concatenate([derivative, zero], axis=2)
+    to_base = from_base_axes(signals, model).transpose(0, 2, 1)
+    return np.asarray(to_base @ np.concatenate([derivative, zero], axis=2))
 
 
 def from_base_axes(signals: Mapping[str, Array], model: WrenchModel) -> Array:

@@ -16,11 +16,14 @@ from diagnosis.diagnosis import diagnose_case
 from diagnosis.verdict_rule import RecordVerdict
 from estimation.case import Case
 from estimation.fit import fit_case
+from estimation.reading.log_reading import imported, read
 from estimation.readings.doubted_reading import DoubtedReading
 from estimation.readings.row_reading import pose_outlier
+from estimation.recordings.reading_report import StepKind
 from estimation.recordings.recording import Recording
 from modeling.chain.model import planar, spatial
 from modeling.effects import named
+from modeling.errors import InputError
 from modeling.rig import Convention, Rig, SensorDescription
 from tests.shared.recordings import FEW, recording_of
 from truewrench.command_line import main
@@ -45,6 +48,7 @@ PLANAR = Rig(link_lengths=PLANE.link_lengths, tip_length=0.2)
 KINDS = ("static", "static in the plane", "run", "run in the plane")
 DRAG = ViscousDrag(c=0.4, d=0.12)
 QUATERNION = ["qx", "qy", "qz", "qw"]
+POSE = {"q": "orientation", "p": "position"}
 
 
 def frame_of(kind: str, seed: int = 1, *hidden: HiddenEffect) -> pd.DataFrame:
@@ -231,6 +235,26 @@ def test_it_is_named_on_every_kind_and_a_drag_beside_it_too(kind: str, drag: boo
     assert mass.value == pytest.approx(truth, abs=max(4 * mass.std, 0.001 * truth))
     if drag:
         assert diagnosis.fit.values["viscous_drag.c"] == pytest.approx(DRAG.c, rel=0.05)
+
+
+@pytest.mark.parametrize("kind", ["static", "run", pytest.param("long", marks=pytest.mark.long)])
+def test_an_orientation_that_is_no_rotation_is_refused_or_left_out(kind: str, tmp_path: Path) -> None:
+    """In the plane an angle is one, whatever it is. Of an imported log the rows that are none are, as damaged ones."""
+    frame = frame_of(kind, 1, *[DRAG] * (kind != "static"))
+    stretched, row = frame.assign(**{name: 1.3 * frame[name] for name in QUATERNION}), 12
+    damaged = pushed(frame, row, "qx", 2.0)
+    for wrong, where in ((stretched, 0), (damaged, row)):
+        path = str(write_recording(wrong, tmp_path / "log.csv"))
+        with pytest.raises(InputError, match=rf"at row {where + 2} have norm .* instead of 1; give unit quaternions"):
+            read(path)
+    names = {f"{letter}{axis}": f"pose.{part}.{axis}" for letter, part in POSE.items() for axis in "xyzw"}
+    path = str(write_recording(stretched.rename(columns=names), tmp_path / "log.csv"))
+    with pytest.raises(InputError, match=r"the quaternion's norm is 1.3 instead of 1"):
+        imported(path)
+    path = str(write_recording(damaged.rename(columns=names), tmp_path / "log.csv"))
+    log = imported(path)
+    assert mass_is_right(Case.of(spatial(), [log.recording()]))
+    assert log.report.of(StepKind.MENDED)
 
 
 # ----------------------------------------------------------------------------------------------- channels
