@@ -350,7 +350,9 @@ def test_the_rig_names_columns(tmp_path: Path) -> None:
     assert again.columns == rig.columns
 
 
-@pytest.mark.parametrize("names", [("pose.position", "pose.orientation"), ("transform.translation", "transform.rotation")])
+@pytest.mark.parametrize(
+    "names", [("pose.position", "pose.orientation"), ("transform.translation", "transform.rotation")]
+)
 def test_a_position_is_never_the_orientation_s_vector(names: tuple[str, str], tmp_path: Path) -> None:
     """Whichever is first in the file."""
     frame = original(500)
