@@ -275,9 +275,9 @@ def test_a_channel_that_never_changes_is_named_and_weighs_nothing(kind: str, cha
     assert (reading.id, reading.value, reading.adopted) == ("channel_constant", [channel], False)
     assert "--read channel_constant" in reading.statement
     assert case.misread
-    for read in (case, case_of(frame, "channel_constant")):
-        fit = fit_case(read)
-        assert mass_is_right(read)
+    for read_so in (case, case_of(frame, "channel_constant")):
+        fit = fit_case(read_so)
+        assert mass_is_right(read_so)
         assert np.isinf(fit.parameters[f"bias_{channel}"].std)
         assert all(np.isinf(p.std) or p.std > 1e-5 * max(1.0, abs(p.value)) for p in fit.parameters.values())
 
