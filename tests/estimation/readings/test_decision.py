@@ -122,13 +122,12 @@ def test_a_mistake_is_named_proposed_and_mended(kind: str, mistake: str) -> None
     assert Case.of(model, [wrong], as_read=True).readings == ()
 
 
-@pytest.mark.parametrize("kind", ["single with a drag", "repeats with a drag"])
 @pytest.mark.parametrize("mistake", MISTAKES)
 @pytest.mark.long
-def test_the_mistake_and_the_drag_beside_it_are_both_named(mistake: str, kind: str) -> None:
+def test_the_mistake_and_the_drag_beside_it_are_both_named(mistake: str) -> None:
     columns, factor, _ = MISTAKES[mistake]
     model = spatial(Rig(sensor=SensorDescription(convention=Convention.ON_TOOL)))
-    wrong = recording_of(mistaken(KINDS[kind](), columns, factor))
+    wrong = recording_of(mistaken(KINDS["single with a drag"](), columns, factor))
     diagnosis = diagnose_case(Case.of(model, [wrong], read=[mistake.split()[0]]), effects=FEW)
     assert [(reading.id, reading.adopted) for reading in diagnosis.readings] == [(mistake.split()[0], True)]
     assert (diagnosis.added, diagnosis.verdict) == (("viscous_drag",), RecordVerdict.EXPLAINED)
