@@ -208,7 +208,8 @@ NAMED_ON = [
     for drag in (False, True)
     for spoiled in SPOILED
     if not (drag and kind.startswith("static"))  # nothing drags a tool that rests
-    if not (kind.startswith("repeats") and (spoiled == "pose_outlier of a force" or not drag))  # they show it themselves
+    if not (kind.startswith("repeats") and spoiled == "pose_outlier of a force")  # repeats show it by themselves
+    if drag or not kind.startswith("repeats")  # alone it is as in a run
 ]
 
 
