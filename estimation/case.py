@@ -169,7 +169,7 @@ class Case:
         chosen = next((r for r in shown.readings if r.id in read), shown.doubted)
         if proposed and (chosen.id not in read or shown.p_value is None):
             return replace(self, readings=shown.readings)
-        adopted = replace(chosen, adopted=True)
+        shown, adopted = shown.read_as(chosen.id), replace(chosen, adopted=True)
         if of_log and shown.motion.gravity is None:
             mended = [shown.mended(recording, [chosen.id]) for recording in several]
             convention = given.convention if given.convention is Convention.AUTO else shown.axes.convention

@@ -177,13 +177,20 @@ def removed_power(before: Sequence[Comparison], after: Sequence[Comparison]) -> 
     total = 0.0
     for number, spectrum in _spectra(after):
         squares = [(c.residual**2).mean(axis=0) for c in (before[number], after[number])]
-        total += float((np.maximum(squares[0] - squares[1], 0.0) / spectrum.noise_variance).sum())
+        total += _over_noise(np.maximum(squares[0] - squares[1], 0.0), spectrum)
     return total
 
 
 def remaining_power(comparisons: Sequence[Comparison]) -> float:
     """In the band of the motion, beyond noise that rises as 1/f, in the same unit."""
-    return sum(float((s.beyond_flicker_noise / s.noise_variance).sum()) for _, s in _spectra(comparisons))
+    return sum(_over_noise(s.beyond_flicker_noise, s) for _, s in _spectra(comparisons))
+
+
+def _over_noise(power: Array, spectrum: ResidualSpectrum) -> float:
+    """Power (p,) over the variance of the noise, summed over the channels that have any: one that never changes has
+    none, and no fit weighs it."""
+    noisy = spectrum.noise_variance > 0
+    return float((power[noisy] / spectrum.noise_variance[noisy]).sum())
 
 
 def _spectra(comparisons: Sequence[Comparison]) -> Iterator[tuple[int, ResidualSpectrum]]:

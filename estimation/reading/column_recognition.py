@@ -372,8 +372,9 @@ class _Groups:
         if stated is not None or orientation.quantity is Quantity.POSE or orientation.form == OrientationForm("planar"):
             return stated
         same = [g for g in self.candidates(Quantity.POSITION) if g.table is orientation.table]
+        same = [g for g in same if set(g.columns).isdisjoint(orientation.columns)]
         plain = [g for g in same if g.stem == orientation.stem] or [
-            g for g in same if re.search(r"pos|p[^a-z]*$", g.columns[0].lower().removesuffix("x"))
+            g for g in same if re.search(r"pos|translation|p[^a-z]*$", g.columns[0].lower().removesuffix("x"))
         ]
         return next(iter(plain), None)
 

@@ -26,7 +26,10 @@ ALONG_AXIS = 0.9
 
 @dataclass(frozen=True, eq=False)
 class LeftOut:
-    """Rows and channels that a recording is read without. A channel is held at its mean: no fit weighs it then."""
+    """Rows and channels that a recording is read without.
+
+    A channel is held at its mean: no fit weighs it then. Repeats are one run, as it has no noise that they show.
+    """
 
     rows: Rows = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
     channels: tuple[str, ...] = ()
@@ -36,6 +39,7 @@ class LeftOut:
         if self.channels:
             held = np.isin(recording.channels, self.channels)
             recording = recording.with_readings(np.where(held, recording.wrench.mean(axis=0), recording.wrench))
+            recording = recording.moved(repeats=1) if recording.repeats > 1 and recording.continuous else recording
         return without_rows(recording, self.rows)
 
     def and_also(self, other: LeftOut) -> LeftOut:
@@ -65,7 +69,7 @@ def log_readings(
         doubted, without = doubt
         adopted = without is not None and doubted.id in read
         readings.append(replace(doubted, adopted=adopted))
-        if adopted and without is not None:
+        if without is not None and (adopted or not doubted.mends):
             left_out = [own.and_also(other) for own, other in zip(left_out, without, strict=True)]
     several = (without.of(recording) for recording, without in zip(recordings, left_out, strict=True))
     return tuple(readings), tuple(several)
@@ -109,7 +113,8 @@ def _constant(recordings: Sequence[Recording]) -> Doubt | None:
         statement=f"--read channel_constant, which leaves {'it' if one else 'them'} out, or name the right"
         f" column{'s' * (not one)} in a map",
     )  # fmt: skip
-    return doubted, [LeftOut() for _ in recordings]
+    in_repeats = [tuple(c for name, c in held if r.repeats > 1 and name == r.name) for r in recordings]
+    return doubted, [LeftOut(channels=channels) for channels in in_repeats]
 
 
 def _copied(recordings: Sequence[Recording]) -> Doubt | None:

@@ -27,15 +27,14 @@ from estimation.readings.rigid_tool import (
     RigidRows,
     compared_rows,
     fitted_shift,
+    from_base_axes,
     rigid_derivative,
     tool_model,
     white_noise,
 )
 from estimation.recordings.motion import MotionForm
 from estimation.recordings.recording import Recording
-from estimation.recordings.sign_convention import to_sensor_frame
 from modeling.chain.model import QuarterTurnRotation, WrenchModel
-from modeling.kinematics.placement import COMPONENTS
 from modeling.rig import Convention
 from modeling.significance import LEVELS
 from modeling.space import Space
@@ -68,7 +67,8 @@ class ShownReading:
     model   a rigid tool's, on the tool, not turned
     as_read the reading by which they were read
     p_value that it is as near to the truth; None where nothing but the weight is doubted
-    or_units readings in other units that the data cannot tell from it
+    or_units readings in other units of the same quantity that the data cannot tell from it
+    or_else mistakes of another name that the data cannot tell from it
     """
 
     ranked: RankedReading
@@ -77,6 +77,11 @@ class ShownReading:
     as_read: RankedReading
     p_value: float | None
     or_units: tuple[AxesReading, ...] = ()
+    or_else: tuple[ShownReading, ...] = ()
+
+    def read_as(self, identity: str) -> ShownReading:
+        """The one of those that are alike with this id, by default this."""
+        return next((shown for shown in self.or_else if shown.doubted.id == identity), self)
 
     @property
     def axes(self) -> AxesReading:
@@ -149,15 +154,13 @@ class ShownReading:
         return mended.with_readings(wrench)
 
     def _in_sensor_axes(self, recording: Recording) -> Array:
-        """Readings (n, 6) along base axes without their zero there, along the sensor's axes."""
+        """Readings (n, p) along base axes without their zero there, along the sensor's axes."""
         matrix = SIGN_OF[self.axes.convention] * self.axes.matrix
         along_base = recording.wrench @ np.linalg.inv(matrix).T
         predicted = rigid_derivative(recording, self.model, self.motion) @ self.ranked.parameters
         predicted = SIGN_OF[self.axes.convention] * predicted
         zero = 0.0 if recording.at_rest else (along_base[compared_rows(recording)] - predicted).mean(axis=0)
-        to_sensor = to_sensor_frame(np.stack([recording.signals[name] for name in COMPONENTS], axis=1))
-        halves = (along_base - zero).reshape(-1, 2, 3)
-        return np.asarray(np.einsum("nij,nhj->nhi", to_sensor, halves).reshape(-1, 6))
+        return np.asarray(np.einsum("nij,nj->ni", from_base_axes(recording.signals, self.model), along_base - zero))
 
     def _subtracted(self, recording: Recording) -> Array:
         """What was subtracted of the readings (n, p), as far as it is no zero."""
@@ -169,7 +172,12 @@ class ShownReading:
 
     @property
     def readings(self) -> tuple[DoubtedReading, ...]:
-        """The reading, with another one that the data cannot tell from it."""
+        """The reading, with others that the data cannot tell from it."""
+        if self.or_else:
+            alike = [replace(shown, or_else=()).doubted for shown in (self, *self.or_else)]
+            *first, last = (doubted.id for doubted in alike)
+            which = f"the readings show {', '.join(first)} or {last}, and not which"
+            return tuple(replace(doubted, shown_by=f"{doubted.evidence}; {which}") for doubted in alike)
         if self.motion.shift is None:
             return (self.doubted,)
         at = np.round(self.axes.turn @ self.motion.shift, 5).tolist()
@@ -344,10 +352,16 @@ def shown_reading(recordings: Sequence[Recording], model: WrenchModel, stated: C
     p_value = as_read.p_value_against(simplest, tried(simplest))
     if simplest.subtracted_mass < 0:  # no controller adds a weight, but a constant force in base axes does
         return no_tool
-    equals = [r for r in alike if r is not simplest and _cost(r, stated) == _cost(simplest, stated)]
-    units = tuple(r.axes for r in equals if simplest.axes.is_other_unit(r.axes))
-    is_one = len(units) == len(equals) and p_value <= LEVELS.misread
-    return shown(ranked=simplest, p_value=p_value, or_units=units) if is_one else no_tool
+    of_name: dict[str, list[RankedReading]] = {}
+    for reading in alike:
+        if _cost(reading, stated) == _cost(simplest, stated):
+            of_name.setdefault(reading.axes.mistake or reading.motion.mistake, []).append(reading)
+    named = [(one, tuple(other.axes for other in others)) for one, *others in of_name.values()]
+    units_alone = all(one.axes.is_other_unit(axes) for one, others in named for axes in others)
+    if p_value > LEVELS.misread or not (units_alone and all(simplest.is_like(one) for one, _ in named)):
+        return no_tool
+    first, *or_else = (shown(ranked=one, p_value=p_value, or_units=units) for one, units in named)
+    return replace(first, or_else=tuple(or_else))
 
 
 def _cost(ranked: RankedReading, stated: Convention) -> tuple[bool, ...]:

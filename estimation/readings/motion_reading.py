@@ -88,6 +88,8 @@ class MotionReading:
         """Inputs of a model (m,) by name as they were meant, of some samples."""
         if self.gravity is not None:
             recording = recording.moved(rig=replace(recording.rig or Rig(), gravity_direction=self.gravity))
+        if abs(self.angle) != 1:  # of degrees that were read as rad whole turns were left out where they jump
+            return {name: series[every] for name, series in self.mended(recording).signals.items()}
         signals = {name: series[every] for name, series in recording.signals.items()}
         direction = None if recording.rig is None else recording.rig.gravity_direction
         if self.orientation is not None:
@@ -241,6 +243,7 @@ PLANAR = (
     MotionReading(mistake="orientation_inverse", angle=-1.0, meaning="phi is counted counterclockwise"),
     MotionReading(mistake="angle_unit", detail="deg", angle=pi / 180, map_line='units = { angle = "deg" }',
                   meaning="phi is in degrees"),
+    MotionReading(mistake="wrench_axes", detail="base", in_base=True, meaning="forces are along base axes"),
 )  # fmt: skip
 SPATIAL = (
     MotionReading(mistake="orientation_inverse", orientation=_inverse, map_line='orientation_of = "base"',

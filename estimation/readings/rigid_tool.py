@@ -148,7 +148,7 @@ def rigid_derivative(
     Of a drag it is that in its coefficient, in its lever for a coefficient of 1, and in the products of the lever's
     components. Where a weight was subtracted, the
     second half of the parameters is that of the tool whose weight it is, negative. Along base axes a bias of the sensor
-    turns with it, and the last six parameters are that. By default of `compared_rows`.
+    turns with it, and the last parameters, one for each channel, are that. By default of `compared_rows`.
     """
     signals = motion.signals(recording, compared_rows(recording) if rows is None else rows)
     derivative = _derivative(signals, model)
@@ -158,9 +158,21 @@ def rigid_derivative(
         return np.concatenate([derivative, *_pulls(recording, signals, model, rows)], axis=2)
     if not motion.in_base:
         return derivative
-    derivative = np.concatenate([derivative, np.broadcast_to(np.eye(6), (len(derivative), 6, 6))], axis=2)
-    to_base = to_sensor_frame(np.stack([signals[name] for name in COMPONENTS], axis=1)).transpose(0, 2, 1)
-    return np.concatenate([to_base @ derivative[:, :3], to_base @ derivative[:, 3:]], axis=1)
+    channels = derivative.shape[1]
+    zero = np.broadcast_to(np.eye(channels), (len(derivative), channels, channels))
+    to_base = from_base_axes(signals, model).transpose(0, 2, 1)
+    return np.asarray(to_base @ np.concatenate([derivative, zero], axis=2))
+
+
+def from_base_axes(signals: Mapping[str, Array], model: WrenchModel) -> Array:
+    """Rotations (n, p, p) of a wrench along base axes to the sensor's; in the plane x and y are those of a position."""
+    if "phi" not in signals:
+        turn = to_sensor_frame(np.stack([signals[name] for name in COMPONENTS], axis=1))
+        return np.asarray(np.kron(np.eye(2), turn))
+    cosine, sine, none = np.cos(signals["phi"]), np.sin(signals["phi"]), np.zeros(len(signals["phi"]))
+    across = 1.0 if model.mirror_y else -1.0
+    rows = [[cosine, -sine, none], [across * sine, across * cosine, none], [none, none, none + 1.0]]
+    return np.array(rows).transpose(2, 0, 1)
 
 
 def _pulls(
@@ -324,6 +336,11 @@ class RankedReading:
         groups = (self.residual[:, :forces], self.residual[:, forces:])
         of_forces, of_torques = (max(float((group**2).mean()), SMALLEST_STD) for group in groups)
         return of_forces, of_torques
+
+    def is_like(self, other: RankedReading) -> bool:
+        """Whether another reading differs in a unit alone, or in nothing that the rows show."""
+        same = abs(self.mean_square - other.mean_square) <= FREE_TOLERANCE * self.mean_square
+        return same or self.axes.is_other_unit(other.axes)
 
     @cached_property
     def squares(self) -> Array:

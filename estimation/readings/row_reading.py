@@ -26,7 +26,8 @@ is beyond 3; of noise with the tails of Student's t with 4 degrees of freedom ab
 JUMP_SHARE = 0.05
 """Of a column's range: a jump that is smaller does no harm, and may be a step of a column that changes in steps."""
 BACK = 0.2
-"""Of a jump, the most by which the samples beside it may differ: else it is a step, or an angle that wraps."""
+"""Of a jump, the most by which the samples beside it may differ from the slope across it: else it is a step, or an
+angle that wraps."""
 NEARBY = 25
 """Samples on either side with which a jump is compared: a knock lasts for some of them."""
 BESIDE = 3
@@ -96,9 +97,10 @@ def pose_outlier(
 
 
 def outlying_rows(recording: Recording, passed_over: Rows) -> OutlyingRows | None:
-    """The rows of a recording that do not belong to the others, None without any; repeats show theirs by themselves."""
-    if recording.repeats > 1:
-        return None
+    """The rows of a recording that do not belong to the others, None without any.
+
+    Repeats show by themselves which readings do not, and not which of the motion.
+    """
     return _outlying_poses(recording, passed_over) if recording.at_rest else _jumps(recording)
 
 
@@ -186,7 +188,8 @@ def _continuous(recording: Recording) -> Iterator[tuple[str, Array]]:
     if all(name in columns for name in QUATERNION):
         rotations = to_sensor_frame(np.stack([columns[name] for name in QUATERNION], axis=1))
         yield from (("the orientation", entry) for entry in rotations.reshape(len(rotations), -1).T)
-    yield from zip(recording.channels, recording.wrench.T, strict=True)
+    if recording.repeats == 1:
+        yield from zip(recording.channels, recording.wrench.T, strict=True)
 
 
 def _jumps_of(column: Array) -> list[tuple[int, float]]:
@@ -202,7 +205,8 @@ def _jumps_of(column: Array) -> list[tuple[int, float]]:
     for row in (int(r) for r in np.argpartition(size, -MOST_JUMPS)[-MOST_JUMPS:] if BESIDE <= r < n - BESIDE):
         near = np.arange(max(0, row - NEARBY), min(n, row + NEARBY + 1))
         around = float(size[near[np.abs(near - row) >= BESIDE]].max())
-        back = abs(column[row + 1] - column[row - 1]) < BACK * size[row]
+        slope = (column[row + 2] - column[row - 2]) / 2
+        back = abs(column[row + 1] - column[row - 1] - slope) < BACK * size[row]
         if back and size[row] > max(JUMP * around, JUMP_SHARE * float(np.ptp(np.delete(column, row)))) > 0:
             jumps.append((row, float(size[row]) / max(around, JUMP_SHARE / JUMP * float(size[row]))))
     return jumps

@@ -173,7 +173,7 @@ class Clipping(SymbolicMap):
         limit, slope = record.constant("saturation")
         outside, sign = np.abs(whole.value) > limit, np.sign(whole.value)
         clipped = sign[:, :, None] * slope if whole.derivative.shape[2] else whole.derivative
-        value = np.where(outside, sign * limit, whole.value)
+        value = np.where(outside, np.copysign(limit, whole.value), whole.value)  # a level is infinite that is none
         derivative = np.where(outside[:, :, None], clipped, whole.derivative)
         return [replace(whole, value=value, derivative=derivative)]
 

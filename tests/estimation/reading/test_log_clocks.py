@@ -11,23 +11,26 @@ import pandas as pd
 import pytest
 
 from diagnosis.diagnosis import diagnose
-from diagnosis.verdict_rule import EffectVerdict
+from diagnosis.verdict_rule import EffectVerdict, RecordVerdict
 from estimation.case import Case
 from estimation.reading.clock_offset import MotionRegressors
 from estimation.reading.column_map import ColumnMap
 from estimation.reading.log_reading import imported, read
 from estimation.recordings.reading_report import StepKind
-from modeling.chain.model import spatial
+from modeling.chain.model import planar, spatial
 from modeling.effects import named
 from modeling.errors import InputError
 from modeling.rig import Rig
 from tests.shared.log_files import CHANNELS, POSITION, QUATERNION, Frame, original, poses_at, two_clocks
+from tests.shared.recordings import FEW
+from tests.shared.rigs import ARM_RIG
 from truewrench.simulated_rig import (
     CableSpring,
     ContactEvent,
     GravityTilt,
     HiddenEffect,
     PlanarRig,
+    SimulatedRig,
     SpatialRig,
     TimeDelay,
     ViscousDrag,
@@ -343,6 +346,31 @@ def test_an_estimated_offset_goes_with_the_recording(tmp_path: Path) -> None:
     stated = imported(*sources, clock_offset=0.0)
     assert "clock_offset" not in stated.columns
     assert not Case.of(spatial(), [stated.recording()]).readings
+
+
+@pytest.mark.parametrize("drag", [(), (ViscousDrag(c=0.4),)], ids=["alone", "beside a drag"])
+@pytest.mark.parametrize(
+    ("rig", "samples"),
+    [
+        (PlanarRig(), 1000),
+        *(pytest.param(r, n, marks=pytest.mark.long) for r, n in ((PlanarRig(), 4000), (SpatialRig(), 1500))),
+    ],
+)
+def test_an_offset_and_a_drag_beside_it_are_both_named(
+    rig: SimulatedRig, samples: int, drag: tuple[ViscousDrag, ...], tmp_path: Path
+) -> None:
+    """Poses at rest have no clocks. An offset that errs by two std may be taken for a drag: of 12 such logs one was."""
+    frame = simulate(rig, rig.random_motion(seed=2), hidden=drag, repeats=1, samples_per_period=samples, seed=4)
+    motion = [*QUATERNION, *POSITION] if "qw" in frame else ["q1", "q2", "q3"]
+    wrench, pose, described = tmp_path / "w.csv", tmp_path / "m.csv", None if "qw" in frame else ARM_RIG
+    frame[["time", *rig.channels]].assign(time=frame["time"] + OFFSET).to_csv(wrench, index=False)
+    frame[["time", *motion]].to_csv(pose, index=False)
+    recording = imported(wrench, pose, rig=described).recording(described)
+    diagnosis = diagnose(spatial() if described is None else planar(described), recording, effects=FEW)
+    assert [(r.id, r.value) for r in diagnosis.readings] == [("clock_offset", pytest.approx(OFFSET, abs=2e-3))]
+    assert diagnosis.added == (("viscous_drag",) if drag else ())
+    assert diagnosis.verdict is (RecordVerdict.EXPLAINED if drag else RecordVerdict.NOTHING_MISSING)
+    assert diagnosis.fit.values["m"] == pytest.approx(rig.mass, rel=0.003)
 
 
 @pytest.mark.parametrize("received", ["%time", "time", "Time"])

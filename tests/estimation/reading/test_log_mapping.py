@@ -350,6 +350,24 @@ def test_the_rig_names_columns(tmp_path: Path) -> None:
     assert again.columns == rig.columns
 
 
+@pytest.mark.parametrize(
+    "names", [("pose.position", "pose.orientation"), ("transform.translation", "transform.rotation")]
+)
+def test_a_position_is_never_the_orientation_s_vector(names: tuple[str, str], tmp_path: Path) -> None:
+    """Whichever is first in the file."""
+    frame = original(500)
+    position, orientation = (
+        {f"{letter}{axis}": f"{name}.{axis}" for axis in axes}
+        for letter, name, axes in zip("pq", names, ("xyz", "xyzw"), strict=True)
+    )
+    for order in ((orientation, position), (position, orientation)):
+        columns = ["time", *order[0], *order[1], *CHANNELS]
+        frame[columns].rename(columns=position | orientation).to_csv(tmp_path / "log.csv", index=False)
+        log = imported(tmp_path / "log.csv")
+        for column in POSITION:
+            np.testing.assert_allclose(log.columns[column], frame[column], atol=1e-9)
+
+
 def test_unknown_columns_are_kept_under_harmless_names(tmp_path: Path) -> None:
     """`wx` of an unknown log is not taken for an angular velocity in the sensor frame."""
     frame = original().iloc[:100].assign(wx=np.arange(100.0), speed=np.arange(100.0), note="fine", same=3.0)

@@ -14,10 +14,12 @@ from diagnosis.verdict_rule import RecordVerdict
 from estimation.case import Case
 from estimation.reading.log_reader import Array
 from estimation.reading.log_reading import from_dataframe, imported, read
-from modeling.chain.model import spatial
+from modeling.chain.model import planar, spatial
 from modeling.effects import named
 from tests.shared.log_files import CHANNELS
-from truewrench.simulated_rig import SpatialRig, TimeDelay, simulate
+from tests.shared.recordings import FEW
+from tests.shared.rigs import ARM_RIG
+from truewrench.simulated_rig import PlanarRig, SimulatedRig, SpatialRig, TimeDelay, ViscousDrag, simulate
 
 pytest.importorskip("mujoco")
 
@@ -68,6 +70,28 @@ def test_no_delay_is_seen_and_a_true_one_is(wrench: int, motion: int) -> None:
     assert clean.verdict is RecordVerdict.NOTHING_MISSING
     assert late.model.effects[0].id == "time_delay"
     assert late.steps[-1].fit.values["time_delay.delay"] == pytest.approx(0.012, abs=2e-4)
+
+
+@pytest.mark.parametrize("drag", [(), (ViscousDrag(c=0.4),)], ids=["alone", "beside a drag"])
+@pytest.mark.parametrize(
+    ("rig", "samples"),
+    [
+        (PlanarRig(), 1200),
+        *(pytest.param(r, n, marks=pytest.mark.long) for r, n in ((PlanarRig(), 8000), (RIG, 1200), (RIG, 8000))),
+    ],
+)
+def test_it_is_named_on_every_kind_and_a_drag_beside_it_too(
+    rig: SimulatedRig, samples: int, drag: tuple[ViscousDrag, ...]
+) -> None:
+    """Poses at rest are not polled: each is a row of its own."""
+    frame = simulate(rig, rig.random_motion(seed=3), hidden=drag, repeats=1, samples_per_period=samples, seed=5)
+    in_plane = isinstance(rig, PlanarRig)
+    recording = from_dataframe(held(frame, 2), rig=ARM_RIG if in_plane else None)
+    diagnosis = diagnose(planar(ARM_RIG) if in_plane else spatial(), recording, effects=FEW)
+    assert [(reading.id, reading.value["wrench"]) for reading in diagnosis.readings] == [("polled_twice", 2)]
+    assert diagnosis.added == (("viscous_drag",) if drag else ())
+    assert diagnosis.verdict is (RecordVerdict.EXPLAINED if drag else RecordVerdict.NOTHING_MISSING)
+    assert diagnosis.fit.values["m"] == pytest.approx(rig.mass, rel=0.003)
 
 
 @cache

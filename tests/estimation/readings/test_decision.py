@@ -14,6 +14,7 @@ from markupsafe import escape
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from diagnosis.diagnosis import diagnose_case
 from diagnosis.study import study
 from diagnosis.verdict_rule import RecordVerdict
 from estimation.case import Case
@@ -24,17 +25,19 @@ from estimation.readings.doubted_reading import DoubtedReading
 from estimation.readings.motion_reading import AS_LOGGED
 from estimation.readings.rigid_tool import MOST_ROWS, RankedReading, RigidRows
 from estimation.recordings.recording import Recording
-from modeling.chain.model import spatial
+from modeling.chain.model import planar, spatial
 from modeling.errors import InputError
 from modeling.rig import Convention, Rig, SensorDescription
 from tests.shared.places import DATA, needs
-from tests.shared.recordings import recording_of
+from tests.shared.recordings import FEW, recording_of
+from tests.shared.rigs import ARM_RIG
 from truewrench.command_line import main
 from truewrench.simulated_rig import (
     CableSpring,
     ContactEvent,
     GravityTilt,
     HiddenEffect,
+    PlanarRig,
     SensorCrosstalk,
     SensorLag,
     SpatialRig,
@@ -64,7 +67,7 @@ KINDS: dict[str, Callable[[], pd.DataFrame]] = {
     "long": lambda: run(3, samples=6000),
     "static": lambda: static_poses(RIG, 24, seed=4),
 }
-TORQUES = ("tx", "ty", "tz")
+FORCES, TORQUES = ("fx", "fy", "fz"), ("tx", "ty", "tz")
 MISTAKES: dict[str, tuple[tuple[str, ...], float, str | None]] = {
     "torque_sign": (TORQUES, -1.0, None),
     "force_axis_mirrored x": (("fx",), -1.0, "x"),
@@ -73,9 +76,12 @@ MISTAKES: dict[str, tuple[tuple[str, ...], float, str | None]] = {
     "torque_unit mm": (TORQUES, 1000.0, "N mm"),
     "torque_unit lbf": (TORQUES, 1 / 0.1129848290276167, "lbf in"),
     "torque_unit kgf": (TORQUES, 1 / 0.0980665, "kgf cm"),
+    "force_unit kgf": (FORCES, 1 / 9.80665, "kgf"),
 }
 """Columns, by what they are multiplied, and the axis or unit; a pound-force inch is 0.1129848290276167 N m."""
-UNDECIDED_AT_REST = ("torque_sign", "torque_unit mm", "torque_unit lbf", "torque_unit kgf")
+UNDECIDED_AT_REST = ("torque_sign", "torque_unit mm", "torque_unit lbf", "torque_unit kgf", "force_unit kgf")
+ALIKE = {"torque_unit lbf": "force_unit", "torque_unit kgf": "force_unit", "force_unit kgf": "torque_unit"}
+"""Id of the reading that is proposed beside a mistake: torques in kgf cm are forces in kgf, but for 4 %."""
 
 
 def only(readings: tuple[DoubtedReading, ...]) -> DoubtedReading:
@@ -104,8 +110,9 @@ def test_a_mistake_is_named_proposed_and_mended(kind: str, mistake: str) -> None
     model = spatial(Rig(sensor=SensorDescription(convention=Convention.ON_TOOL)))
     wrong = recording_of(mistaken(frame, columns, factor))
     case = Case.of(model, [wrong])
-    reading = only(case.readings)
+    reading, *others = case.readings
     assert (reading.id, reading.value) == (mistake.split()[0], detail)
+    assert {other.id for other in others} <= {ALIKE.get(mistake)}
     assert not reading.adopted
     assert case.recordings[0].wrench is wrong.wrench
     assert reading.mass == pytest.approx(RIG.mass, rel=0.03)
@@ -113,6 +120,34 @@ def test_a_mistake_is_named_proposed_and_mended(kind: str, mistake: str) -> None
     assert only(mended.readings).adopted
     np.testing.assert_allclose(mended.recordings[0].wrench, recording_of(frame).wrench, rtol=1e-12)
     assert Case.of(model, [wrong], as_read=True).readings == ()
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+@pytest.mark.long
+def test_the_mistake_and_the_drag_beside_it_are_both_named(mistake: str) -> None:
+    columns, factor, _ = MISTAKES[mistake]
+    model = spatial(Rig(sensor=SensorDescription(convention=Convention.ON_TOOL)))
+    wrong = recording_of(mistaken(KINDS["single with a drag"](), columns, factor))
+    diagnosis = diagnose_case(Case.of(model, [wrong], read=[mistake.split()[0]]), effects=FEW)
+    assert [(reading.id, reading.adopted) for reading in diagnosis.readings] == [(mistake.split()[0], True)]
+    assert (diagnosis.added, diagnosis.verdict) == (("viscous_drag",), RecordVerdict.EXPLAINED)
+    assert diagnosis.fit.values["viscous_drag.c"] == pytest.approx(DRAG.c, rel=0.03)
+    assert diagnosis.fit.values["m"] == pytest.approx(RIG.mass, rel=0.003)
+
+
+@pytest.mark.parametrize("mistake", ["torque_unit kgf", "force_unit kgf"])
+def test_units_that_data_cannot_tell_are_both_proposed_and_either_is_applied(mistake: str) -> None:
+    """In the plane, where torques show little but the weight: read as the other, the mass is a tenth or ten times."""
+    rig, name = PlanarRig(), mistake.split()[0]
+    right = simulate(rig, rig.random_motion(seed=2), repeats=1, samples_per_period=600, seed=2)
+    columns, factor = (("tau",), 1 / 0.0980665) if name == "torque_unit" else (("fx", "fy"), 1 / 9.80665)
+    wrong = recording_of(mistaken(right, columns, factor), rig=ARM_RIG)
+    proposed = Case.of(planar(), [wrong]).readings
+    assert {reading.id for reading in proposed} == {"force_unit", "torque_unit"}
+    assert all("and not which" in reading.sentence for reading in proposed)
+    read_so = Case.of(planar(), [wrong], read=[name])
+    assert only(read_so.readings).adopted
+    assert fit_case(read_so)["m"].value == pytest.approx(rig.mass, rel=0.003)
 
 
 @pytest.mark.parametrize("mistake", [None, "torque_sign", "force_axis_mirrored x", "torque_axis_mirrored y"])
@@ -155,7 +190,7 @@ def test_a_weight_that_is_added_is_no_reading() -> None:
 
 def test_counts_are_asked_for() -> None:
     """A million for each newton, and for each newton metre: every ratio is right, and the weight is no tool's."""
-    wrench = ("fx", "fy", "fz", *TORQUES)
+    wrench = (*FORCES, *TORQUES)
     case = Case.of(spatial(), [recording_of(mistaken(run(8, repeats=3), wrench, 1e6))], read=["force_unit"])
     reading = only(case.readings)
     assert case.misread
