@@ -62,9 +62,9 @@ def run(seed: int, *hidden: HiddenEffect, repeats: int = 1, samples: int = 300) 
 KINDS: dict[str, Callable[[], pd.DataFrame]] = {
     "single": lambda: run(1),
     "single with a drag": lambda: run(1, DRAG),
-    "repeats": lambda: run(2, repeats=3),
     "repeats with a drag": lambda: run(2, DRAG, repeats=3),
-    "long": lambda: run(3, samples=6000),
+    "long": lambda: run(3, samples=4000),
+    "long with a drag": lambda: run(3, DRAG, samples=4000),
     "static": lambda: static_poses(RIG, 24, seed=4),
 }
 FORCES, TORQUES = ("fx", "fy", "fz"), ("tx", "ty", "tz")
