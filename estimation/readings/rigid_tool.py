@@ -187,7 +187,7 @@ def _pulls(recording: Recording, signals: Mapping[str, Array], model: WrenchMode
     positions = {} if recording.at_rest else signals  # of which orientations alone, too, may be logged
     factors = [once, *(_centred(positions.get(name, once)) for name in TRANSLATIONS[recording.dimension][0])]
     if recording.dimension == 2:
-        turned = (signals | {"phi": signals["phi"] + turn} for turn in (0.0, pi / 2))
+        turned = ({**signals, "phi": signals["phi"] + turn} for turn in (0.0, pi / 2))
         pushes = [_derivative(at_rest(each, 2), model)[:, :, :2] for each in turned]
     else:
         to_sensor = to_sensor_frame(np.stack([signals[name] for name in COMPONENTS], axis=1))
