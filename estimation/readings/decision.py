@@ -4,7 +4,8 @@ A reading is a hypothesis like an effect: the sign of the torques, an axis that 
 convention of an orientation, a unit. It is shown where the residual of the rigid tool is smaller by `LEAST_GAIN` and by
 a test that holds though neither reading is true (Vuong, "Likelihood ratio tests for model selection and non-nested
 hypotheses", 1989), in contiguous blocks, against the recording as read and against every other reading. The scale of
-the noise is that of the readings' differences from sample to sample: a residual would have the mistake in it.
+the noise is that of the readings' differences from sample to sample: a residual would have the mistake in it. Where a
+force along base axes explains most of what the nearest reading leaves, all readings are compared beside such a force.
 """
 
 from __future__ import annotations
@@ -52,6 +53,10 @@ SMALLEST_MASS = 1e-3
 """kg: a gram, below which nothing is a tool, and a reading that finds one explains nothing by it."""
 LARGEST_SHIFT = 0.5
 """m: no flange is farther from its sensor, and torques are taken about no other point than a tip; more is a unit."""
+MOST_CARRIED = 2.0
+"""Ratio of the masses beside a pull and without one: beside it the weight tells nothing, and inertia alone weighs the
+tool; a pull that carries more than half of it stands in for another unit of the position."""
+BESIDE_PULL = ", beside a force along base axes as a cable's,"
 MOMENT_POINT = "moment_point"
 UP = {2: (0.0, 1.0), 3: (0.0, 0.0, 1.0)}
 """Gravity in base axes of a base that hangs, in the plane and in six axes."""
@@ -124,7 +129,7 @@ class ShownReading:
             return other is not None and other.motion.compensated
         if self.motion.mistake != "euler_convention" or self.axes.is_turned or self.axes.mistake:
             return False
-        rows = RigidRows.of(recordings, self.model, AS_LOGGED)
+        rows = RigidRows.of(recordings, self.model, replace(AS_LOGGED, pulled=self.motion.pulled))
         turned = RankedReading(_axes_as_read(model), rows)
         # Of a recording in quaternions nothing says that there were angles: the model that is turned may not fit then.
         most = LEAST_GAIN if _euler(recordings) else 1 / LEAST_GAIN
@@ -208,7 +213,7 @@ class ShownReading:
         return DoubtedReading(
             id=identity, value=value, meaning=meaning, statement=statement, p_value=self.p_value, mass=self.ranked.mass,
             before=self._before, after=float(np.sqrt(self.ranked.mean_square)), mends=self.is_mistake,
-            applies_to="map" if "map" in statement else "rig",
+            applies_to="map" if "map" in statement else "rig", beside=BESIDE_PULL if self.motion.pulled else "",
         )  # fmt: skip
 
     @property
@@ -320,19 +325,18 @@ def shown_reading(recordings: Sequence[Recording], model: WrenchModel, stated: C
     others = [hangs] if model.gravity_direction in (None, tuple(-c + 0.0 for c in up)) else []
     possible = motion_readings(model.space.value, _euler(recordings))
     others += [m for m in possible if all(m.applies_to(r) for r in recordings)]
-    if all(SHIFTED.applies_to(recording) for recording in recordings):
-        shift = fitted_shift(recordings, tool, axes_as_read)
-        others += [replace(SHIFTED, shift=shift)] if np.linalg.norm(shift) < LARGEST_SHIFT else []
-    every = [
-        RankedReading(axes, rows)
-        for rows in (as_logged, *(RigidRows.of(recordings, tool, motion) for motion in others))
-        for axes in axes_readings(model.channels)
-        if not (axes.mistake and rows.motion.mistake)
-    ]
-    plausible = (r for r in every if r.mass > SMALLEST_MASS)
-    ranked = sorted(plausible, key=lambda r: (r.mean_square, _cost(r, stated)))[:FEW]
+    every = _ranked(recordings, tool, axes_as_read, [AS_LOGGED, *others])
+    ranked = _nearest(every, stated)
+    if _is_pulled(recordings, tool, ranked):
+        weighed = {_name(r): r.mass for r in every if r.motion.gravity is None}
+        motions = [replace(m, pulled=True) for m in (AS_LOGGED, *others) if not (m.compensated or m.gravity)]
+        every = _ranked(recordings, tool, axes_as_read, motions)
+        as_read = next(r for r in every if r.axes is axes_as_read and r.motion.pulled and not r.motion.mistake)
+        carried = [r for r in every if r.mass / MOST_CARRIED < weighed.get(_name(r), 0.0) < r.mass * MOST_CARRIED]
+        ranked = _nearest(carried, stated)
+        shown = partial(shown, as_read=as_read)
     gain = ranked[0].gain_over(as_read) if ranked else 0.0
-    if gain < LEAST_GAIN or ranked[0].mean_square > gain * as_logged.unstructured_mean_square > 0:
+    if gain < LEAST_GAIN or ranked[0].mean_square > gain * as_read.rows.unstructured_mean_square > 0:
         return no_tool
     of_cost = Counter(_cost(r, stated) for r in every)
 
@@ -350,7 +354,8 @@ def shown_reading(recordings: Sequence[Recording], model: WrenchModel, stated: C
         if simplest.mean_square > least * pulled.mean_square:
             return no_tool
     p_value = as_read.p_value_against(simplest, tried(simplest))
-    if simplest.subtracted_mass < 0:  # no controller adds a weight, but a constant force in base axes does
+    # No controller adds a weight, but a constant force in base axes does; beside one no scale is told.
+    if simplest.subtracted_mass < 0 or (simplest.motion.pulled and _is_scale(simplest)):
         return no_tool
     of_name: dict[str, list[RankedReading]] = {}
     for reading in alike:
@@ -362,6 +367,46 @@ def shown_reading(recordings: Sequence[Recording], model: WrenchModel, stated: C
         return no_tool
     first, *or_else = (shown(ranked=one, p_value=p_value, or_units=units) for one, units in named)
     return replace(first, or_else=tuple(or_else))
+
+
+def _ranked(
+    recordings: Sequence[Recording], tool: WrenchModel, axes_as_read: AxesReading, motions: Sequence[MotionReading]
+) -> list[RankedReading]:
+    """Readings of the axes with these of the motion, and with a shift that is fitted; one mistake each."""
+    shifted = replace(SHIFTED, pulled=motions[0].pulled)
+    if all(shifted.applies_to(recording) for recording in recordings):
+        shift = fitted_shift(recordings, tool, axes_as_read, shifted)
+        motions = [*motions, *([replace(shifted, shift=shift)] if np.linalg.norm(shift) < LARGEST_SHIFT else [])]
+    return [
+        RankedReading(axes, rows)
+        for rows in (RigidRows.of(recordings, tool, motion) for motion in motions)
+        for axes in axes_readings(recordings[0].channels)
+        if not (axes.mistake and rows.motion.mistake)
+    ]
+
+
+def _is_pulled(recordings: Sequence[Recording], tool: WrenchModel, ranked: Sequence[RankedReading]) -> bool:
+    """Whether a force along base axes explains most of what the nearest reading leaves of a tool that moves."""
+    if not ranked or any(recording.at_rest for recording in recordings):
+        return False
+    pulled = replace(ranked[0].motion, pulled=True, compensated=False)
+    return RankedReading(ranked[0].axes, RigidRows.of(recordings, tool, pulled)).gain_over(ranked[0]) >= LEAST_GAIN
+
+
+def _is_scale(ranked: RankedReading) -> bool:
+    """Whether it changes a unit or a length, which a weight tells: beside a pull it is a rival, and never shown."""
+    return ranked.motion.shift is not None or "_unit" in ranked.motion.mistake + ranked.axes.mistake
+
+
+def _name(ranked: RankedReading) -> tuple[str, str, AxesReading]:
+    """What is read otherwise, beside a pull or not."""
+    return ranked.motion.mistake, ranked.motion.detail, ranked.axes
+
+
+def _nearest(every: Sequence[RankedReading], stated: Convention) -> list[RankedReading]:
+    """Readings that leave the smallest residuals of a plausible tool."""
+    plausible = (r for r in every if r.mass > SMALLEST_MASS)
+    return sorted(plausible, key=lambda r: (r.mean_square, _cost(r, stated)))[:FEW]
 
 
 def _cost(ranked: RankedReading, stated: Convention) -> tuple[bool, ...]:

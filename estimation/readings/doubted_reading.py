@@ -22,6 +22,7 @@ class DoubtedReading:
     p_value        that the recording as read is as near to the truth, family-wise over all readings; None of what no
                    test decides
     mass           kg, of the tool in this reading
+    beside         what was fitted with the tool, in both readings, as a clause; empty where nothing was but a drag
     adopted        whether the recordings are read so
     mends          whether it changes what was logged, not only how it is understood
     applies_to     "rig" or "map", where it is stated
@@ -39,6 +40,7 @@ class DoubtedReading:
     after: float | None = None
     p_value: float | None = None
     mass: float | None = None
+    beside: str = ""
     adopted: bool = False
     mends: bool = True
     applies_to: str = "rig"
@@ -59,8 +61,8 @@ class DoubtedReading:
         mass = "" if self.mass is None else f", with a mass of {self.mass:.4g} kg"
         p_value = "" if self.p_value is None else f" (p = {self.p_value:.1g})"
         return (
-            f"the residual of the rigid tool is {self.after:.2g} times the noise from sample to sample then, and"
-            f" {self.before:.2g} times as read{p_value}{mass}"
+            f"the residual of the rigid tool{self.beside} is {self.after:.2g} times the noise from sample to sample"
+            f" then, and {self.before:.2g} times as read{p_value}{mass}"
         )
 
     @property

@@ -51,7 +51,8 @@ class MotionReading:
     gravity      direction of gravity in base axes; None as the model has it
     length, time, angle  factors from what was logged to m, s and, in the plane, rad clockwise
     in_base      whether the readings are along base axes
-    pulled       whether forces and torques that are constant in base axes act on the tool: no reading, but its rival
+    pulled       whether forces along base axes act on the tool, constant or linear in the position: no reading, but
+                 what may be beside one
     compensated  whether a weight was subtracted from the readings, but no inertial force
     shift        (3,) m, from the point whose position was logged to the sensor's origin, in sensor axes
     """
@@ -222,7 +223,7 @@ def _reordered(rotation: Rotation, read: Any, meant: Any) -> Rotation:
 AS_LOGGED = MotionReading()
 """The motion as it was read."""
 PULLED = MotionReading(pulled=True)
-"""As it was read, beside a cable or a hose: what of a load does not turn with the sensor is no wrench in base axes."""
+"""As it was read, with a cable or a hose: what of a load does not turn with the sensor is no wrench in base axes."""
 UNITS = (
     *(
         MotionReading(mistake="length_unit", detail=unit, length=factor, meaning=f"the position is in {unit}",

@@ -12,14 +12,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations_with_replacement
-from math import comb
+from math import comb, pi
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimation.multiplicity import student_sf
 from estimation.readings.axes_reading import AxesReading
-from estimation.readings.motion_reading import ROTATIONS, MotionReading, at_rest
+from estimation.readings.motion_reading import AS_LOGGED, ROTATIONS, TRANSLATIONS, MotionReading, at_rest
 from estimation.recordings.recording import Recording
 from estimation.recordings.sign_convention import to_sensor_frame
 from modeling.chain.model import ALIGNED_MOUNTING, WrenchModel
@@ -100,7 +100,7 @@ class RigidRows:
         """Normal matrices (k, k) of the forces and of the torques."""
         forces = 2 if self.readings.shape[1] == 3 else 3
         halves = (self.derivative[:, :forces], self.derivative[:, forces:])
-        force, torque = (np.einsum("nik,nil->kl", half, half) for half in halves)
+        force, torque = (flat.T @ flat for flat in (half.reshape(-1, half.shape[2]) for half in halves))
         return force, torque
 
     @cached_property
@@ -150,12 +150,13 @@ def rigid_derivative(
     second half of the parameters is that of the tool whose weight it is, negative. Along base axes a bias of the sensor
     turns with it, and the last parameters, one for each channel, are that. By default of `compared_rows`.
     """
-    signals = motion.signals(recording, compared_rows(recording) if rows is None else rows)
+    rows = compared_rows(recording) if rows is None else rows
+    signals = motion.signals(recording, rows)
     derivative = _derivative(signals, model)
     if motion.compensated:
         return np.concatenate([derivative, _derivative(at_rest(signals, recording.dimension), model)], axis=2)
     if motion.pulled:
-        return np.concatenate([derivative, *_pulls(recording, signals, model, rows)], axis=2)
+        derivative = np.concatenate([derivative, *_pulls(recording, signals, model)], axis=2)
     if not motion.in_base:
         return derivative
     channels = derivative.shape[1]
@@ -175,20 +176,36 @@ def from_base_axes(signals: Mapping[str, Array], model: WrenchModel) -> Array:
     return np.array(rows).transpose(2, 0, 1)
 
 
-def _pulls(
-    recording: Recording, signals: Mapping[str, Array], model: WrenchModel, rows: slice | None
-) -> Iterator[Array]:
-    """Derivatives (n, p, k) in forces that are constant in base axes, with their levers, and in such torques.
+def _pulls(recording: Recording, signals: Mapping[str, Array], model: WrenchModel) -> Iterator[Array]:
+    """Derivatives (n, p, k) in forces along base axes, with their levers, and in torques that are constant there.
 
-    A force along an axis is the weight of a tool at rest under gravity along it; a torque in the plane is a bias.
+    In six axes also in the torque of a rotor, which forces at any lever would be like beside an exchange of torques.
+    The forces are constant, or linear in the position as those of a cable that is taut. In the plane they are the
+    weight of a tool at rest, turned, and the torque is a bias.
     """
-    every = compared_rows(recording) if rows is None else rows
-    for axis in np.eye(recording.dimension):
-        along = MotionReading(gravity=tuple(axis.tolist())).signals(recording, every)
-        yield _derivative(at_rest(along, recording.dimension), model)
-    if recording.dimension == 3:
+    once = np.ones(len(next(iter(signals.values()))))
+    positions = {} if recording.at_rest else signals  # of which orientations alone, too, may be logged
+    factors = [once, *(_centred(positions.get(name, once)) for name in TRANSLATIONS[recording.dimension][0])]
+    if recording.dimension == 2:
+        turned = ({**signals, "phi": signals["phi"] + turn} for turn in (0.0, pi / 2))
+        pushes = [_derivative(at_rest(each, 2), model)[:, :, :2] for each in turned]
+    else:
         to_sensor = to_sensor_frame(np.stack([signals[name] for name in COMPONENTS], axis=1))
-        yield np.concatenate([np.zeros_like(to_sensor), to_sensor], axis=1)
+        none = np.zeros_like(to_sensor)
+        yield np.concatenate([none, to_sensor], axis=1)
+        omega = np.stack([positions.get(name, 0 * once) for name in ROTATIONS[3][1]], axis=1)
+        yield np.concatenate([np.zeros((len(once), 3, 4)), _levers(omega)], axis=1)
+        pushes = [
+            np.concatenate([np.concatenate([along[:, :, None], none], axis=2), _levers(along)], axis=1)
+            for along in to_sensor.transpose(2, 0, 1)
+        ]
+    yield from (factor[:, None, None] * push for push in pushes for factor in factors)
+
+
+def _levers(force: Array) -> Array:
+    """Torques (n, 3, 4) of a force (n, 3): none by itself, and in each component of its lever."""
+    torques = [np.cross(lever, force) for lever in np.eye(3)]
+    return np.stack([np.zeros_like(force), *torques], axis=2)
 
 
 def _derivative(signals: Mapping[str, Array], model: WrenchModel) -> Array:
@@ -216,13 +233,15 @@ def _of_lever_squared(signals: Mapping[str, Array], rows: int) -> Array:
     return torques
 
 
-def fitted_shift(recordings: Sequence[Recording], model: WrenchModel, axes: AxesReading) -> Array:
+def fitted_shift(
+    recordings: Sequence[Recording], model: WrenchModel, axes: AxesReading, motion: MotionReading = AS_LOGGED
+) -> Array:
     """The shift (3,) m, of the sensor's origin from the point whose position was logged, in sensor axes.
 
     By Gauss-Newton with the tool's parameters: what the tool predicts is linear in them, and in the shift.
     """
     points = (np.zeros(3), *np.eye(3))
-    unshifted, *shifted = (RigidRows.of(recordings, model, MotionReading(shift=point)) for point in points)
+    unshifted, *shifted = (RigidRows.of(recordings, model, replace(motion, shift=point)) for point in points)
     first = RankedReading(axes, unshifted)
     slopes = [rows.derivative - unshifted.derivative for rows in shifted]
     parts = np.concatenate([unshifted.derivative, *slopes], axis=2).reshape(unshifted.readings.size, -1)

@@ -17,7 +17,9 @@ from diagnosis.verdict_rule import RecordVerdict
 from estimation.case import Case
 from estimation.fit import fit_case
 from estimation.reading.log_reading import imported
-from estimation.readings.motion_reading import AS_LOGGED, MotionReading, motion_readings
+from estimation.readings.axes_reading import axes_readings
+from estimation.readings.motion_reading import AS_LOGGED, PULLED, MotionReading, motion_readings
+from estimation.readings.rigid_tool import RankedReading, RigidRows, noise_from_sample_to_sample, tool_model
 from estimation.recordings.recording import Recording
 from modeling.chain.model import WrenchModel, planar, spatial
 from modeling.errors import InputError
@@ -31,6 +33,7 @@ from truewrench.simulated_rig import (
     HiddenEffect,
     JointOffset,
     PlanarRig,
+    SensorCrosstalk,
     SensorLag,
     SimulatedRig,
     SpatialRig,
@@ -204,6 +207,63 @@ def test_angles_about_other_axes_are_no_turned_base(meant: Order, read: Order, t
     assert case.gravity is None
 
 
+CABLE, PULL = CableSpring(k=10.0, d=0.12), BaseForce(force=(4.0, 0.0, -5.0))
+"""A cable that pulls with a third of the tool's weight, and a force of half of it."""
+BESIDE: list[tuple[str, HiddenEffect]] = [
+    ("force_axis_mirrored y", CABLE), ("wrench_axes base", PULL), ("orientation_order wxyz", CABLE),
+    ("axes_permuted y, x, z", CABLE), ("orientation_inverse", CABLE), ("orientation_inverse", PULL),
+    ("torque_sign", PULL), ("axes_permuted tz, ty, tx", PULL),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("mistake", "hidden"),
+    [pytest.param(*both, marks=() if i < 2 else pytest.mark.long(seconds=2)) for i, both in enumerate(BESIDE)],
+)
+def test_a_mistake_is_named_beside_a_cable_or_a_constant_force(mistake: str, hidden: HiddenEffect) -> None:
+    """They pull along base axes; the tool is weighed by its inertia then."""
+    mistakes = SPATIAL_MISTAKES | {"torque_sign": lambda f: f.assign(**{name: -f[name] for name in TORQUES})}
+    frame = run(SPATIAL, 2, hidden, repeats=3)
+    (reading,) = Case.of(spatial_of(Convention.ON_TOOL), [recording_of(mistakes[mistake](frame))]).readings
+    name, _, detail = mistake.partition(" ")
+    assert (reading.id, reading.adopted) == (name, False)
+    assert not detail or reading.value == detail
+    assert "beside a force along base axes" in reading.sentence
+    assert reading.mass == pytest.approx(SPATIAL.mass, rel=0.1)
+
+
+def test_a_pull_that_carries_most_of_the_tool_is_no_other_unit() -> None:
+    """A shift of the position beside a cable was read as feet, the tool as 4.1 kg that a force upwards carries."""
+    model = spatial_of(Convention.ON_TOOL)
+    shifted = moved(run(SPATIAL, 1, CableSpring(k=3.0, d=0.12), repeats=3), (0.0, 0.02, -0.1))
+    assert Case.of(model, [recording_of(shifted)]).readings == ()
+
+
+@pytest.mark.long(seconds=20)
+@pytest.mark.parametrize("pull", [CABLE, CableSpring(k=30.0, d=0.12), PULL], ids=["cable", "strong cable", "force"])
+def test_none_is_invented_beside_a_pull_and_another_effect(pull: HiddenEffect) -> None:
+    """Pairs of effects that are far from small."""
+    others = (SensorLag(time_constant=0.05), CoulombFriction(level=0.2), SensorCrosstalk(leaks=(("fy", "fx", 0.2),)))
+    for seed, other in enumerate(others):
+        recording = recording_of(run(SPATIAL, seed, pull, other))
+        assert Case.of(spatial_of(Convention.ON_TOOL), [recording]).readings == ()
+
+
+@pytest.mark.parametrize("rig", [SPATIAL, PLANAR], ids=["six axes", "plane"])
+def test_a_constant_force_is_one_of_the_pulls(rig: SimulatedRig) -> None:
+    """Simulated apart from them: what they leave of it is, in N, as much as of a tool without it, within 10 %."""
+    model = planar() if rig is PLANAR else spatial_of(Convention.ON_TOOL)
+    axes = axes_readings(rig.channels)[0]
+    left = []
+    for hidden in ((), (PULL,)):
+        recordings = [recording_of(run(rig, 3, *hidden), rig=described(rig))]
+        rows = [RigidRows.of(recordings, tool_model(model, recordings), motion) for motion in (AS_LOGGED, PULLED)]
+        std = noise_from_sample_to_sample(recordings)[0]
+        left.append([std * np.sqrt(RankedReading(axes, each).mean_squares[0]) for each in rows])
+    assert left[1][1] == pytest.approx(left[0][1], rel=0.1)
+    assert left[1][0] > 3 * left[0][0]
+
+
 def as_poses(frame: pd.DataFrame) -> pd.DataFrame:
     """The planar run with the pose of the tip instead of joint angles."""
     signals = recording_of(frame, rig=described(PLANAR)).signals
@@ -250,6 +310,14 @@ ALIKE = {
 }
 """What is proposed beside a mistake, as data do not tell them: forces in kgf are torques in kgf cm, but for 4 %; the
 forces of a pose that is mirrored, but for a sign of the torque, those of a mirrored axis."""
+
+
+@pytest.mark.parametrize("hidden", [CABLE, PULL], ids=["cable", "force"])
+@pytest.mark.parametrize("mistake", ["force_axis_mirrored x", "axes_permuted fy, fx", "orientation_inverse"])
+def test_a_mistake_in_the_plane_is_named_beside_a_pull(mistake: str, hidden: HiddenEffect) -> None:
+    wrong = PLANAR_MISTAKES[mistake](as_poses(run(PLANAR, 1, hidden)))
+    (reading,) = Case.of(planar(), [recording_of(wrong)]).readings
+    assert reading.id == mistake.split()[0]
 
 
 @pytest.mark.parametrize(
