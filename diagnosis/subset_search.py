@@ -35,13 +35,14 @@ from modeling.significance import LEVELS
 
 
 def with_offsets_tested(fit: Fit, cache: ScreeningCache, effects: Sequence[Effect] | None = None) -> Fit:
-    """The fit with x and y of its effects free where that is significantly better, and fixed at 0 where not.
+    """The fit with x and y of its effects, or a width, free where that is significantly better, and fixed where not.
 
     Of all its effects, or of those given.
 
     An effect on the tip axis is freed if the score test of x and y, given all other parameters of the fit, is
     significant, and the exact refit leaves the point within its bounds. A free one returns to the axis if a Wald test
-    of x = y = 0 is not significant: another effect, added since, explains what had moved the point.
+    of x = y = 0 is not significant: another effect, added since, explains what had moved the point. So does friction
+    of a narrow step, whose width is tested at the one that its search begins at.
     """
     for effect in fit.model.effects if effects is None else effects:
         free, restricted = effect.unrestricted(fit.model.space), effect.restricted(fit.model.space)
@@ -81,24 +82,27 @@ def _score_test_p_value(fit: Fit, effect: Effect, cache: ScreeningCache) -> floa
     names = _fixed_names(effect, fit.model)
     model = fit.model.without(effect.id) + effect.unrestricted(fit.model.space)
     choice = affected_rows(fit, model, tested=False)
-    columns = whitened_sensitivities(fit, model, [{}], names, choice)
+    start = {p.name: p.start for p in model.parameters if p.name in names and p.start is not None}
+    columns = whitened_sensitivities(fit, model, [start], names, choice)
     return ProjectedColumns.of_point(cache.null_model(fit), columns, choice).test(0).p_value()
 
 
 def _freed(fit: Fit, effect: Effect) -> Fit:
     """The fit with the effect's fixed parameters free; itself where one of them ends on a bound."""
     free, fixed = effect.unrestricted(fit.model.space), _fixed_names(effect, fit.model)
-    after = refit_in_own_noise(fit, _with(fit.model, free), fit.values)
+    start = {name: value for name, value in fit.values.items() if name not in fixed}
+    after = refit_in_own_noise(fit, _with(fit.model, free), start)
     inside = all(after.values[p.name] not in p.bounds for p in free.qualified(fit.model.space) if p.name in fixed)
     return after if inside else fit
 
 
 def _significantly_off(fit: Fit, names: tuple[str, ...]) -> bool:
-    """Whether the parameters are identifiable and differ significantly from 0."""
+    """Whether the parameters are identifiable and differ significantly from where they are fixed."""
     place = [list(fit.parameters).index(name) for name in names]
     if not fit.identifiable[place].all():
         return False
-    values, covariance = fit.theta[place], fit.covariance[np.ix_(place, place)]
+    nominal = np.array([fit.unknowns[i].nominal for i in place])
+    values, covariance = fit.theta[place] - nominal, fit.covariance[np.ix_(place, place)]
     return bool(chi2_sf(values @ np.linalg.solve(covariance, values), len(place)) < LEVELS.offset)
 
 

@@ -24,6 +24,7 @@ from truewrench.simulated_rig import (
     Buoyancy,
     CentreOfMassOffset,
     ContactEvent,
+    CoulombFriction,
     GravityTilt,
     HiddenEffect,
     JointOffset,
@@ -106,6 +107,10 @@ FOUND = {
     ),
     "translational_friction": Hidden(PlanarRig(), TranslationalFriction(level=0.4), {"level": 0.4, "d": 0.12}),
     "translational_friction, six axes": Hidden(SpatialRig(), TranslationalFriction(level=0.2), {"level": 0.2}),
+    "coulomb_friction": Hidden(PlanarRig(), CoulombFriction(level=0.05), {"level": 0.05}),
+    "coulomb_friction, wide": Hidden(
+        PlanarRig(), CoulombFriction(level=0.15, width=0.03), {"level": 0.15, "width": 0.03}
+    ),
     "base_force": Hidden(PlanarRig(), BaseForce(), {"force_x": 0.9, "force_y": -1.2, "d": 0.12}),
     "base_force, downwards": Hidden(
         SpatialRig(), BaseForce(force=(0.0, 0.0, -1.5)), {"force_x": 0.0, "force_y": 0.0, "force_z": -1.5, "d": 0.12}
@@ -121,9 +126,9 @@ FOUND = {
     "time_delay, six axes": Hidden(SpatialRig(), TimeDelay(delay=0.012), {"delay": 0.012}),
 }
 
-DAILY = ("viscous_drag", "sensor_lag", "contact_event")
-"""Of three kinds: load, dynamics, transient; the others are in the long tier, as are those in six axes, of which daily
-tests of single runs are."""
+DAILY = ("viscous_drag", "sensor_lag", "contact_event", "coulomb_friction, wide")
+"""Of three kinds: load, dynamics, transient; and a load of two forms. The others are in the long tier, as are those in
+six axes, of which daily tests of single runs are."""
 
 
 def test_an_onset_is_printed_no_finer_than_the_sampling_step() -> None:
