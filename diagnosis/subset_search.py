@@ -25,6 +25,7 @@ from diagnosis.screening.score_test import (
 from diagnosis.screening.whitened_sensitivity import whitened_sensitivities
 from estimation.fit import Fit, in_noise_beside_pose, reestimated_noise, with_ordinary_estimate
 from estimation.multiplicity import bonferroni_p_value, bonferroni_threshold, chi2_sf, chi_square_penalty
+from modeling.chain.chain import Stage
 from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel
 from modeling.effects.sensor import SensorCrosstalk
@@ -60,9 +61,16 @@ def effect_with_offsets(fit: Fit, effect: Effect, cache: ScreeningCache) -> Effe
 
 
 def refit_in_own_noise(before: Fit, model: WrenchModel, start: dict[str, float]) -> Fit:
-    """A model refitted to the recordings of a fit in their noise, re-estimated where it comes from the residual."""
+    """A model refitted to the recordings of a fit in their noise, re-estimated where it comes from the residual.
+
+    That of a model without the play of a large hysteresis takes most of it for noise, in which other widths fit as
+    well: the play is fitted by ordinary least squares first.
+    """
     after = before.refitted(model, start)
-    return in_noise_beside_pose(after.in_noise(reestimated_noise(after))) if noise_from_residual(before) else after
+    if not noise_from_residual(before):
+        return after
+    after = with_ordinary_estimate(after) if any(e.stage is Stage.PLAY for e in model.effects) else after
+    return in_noise_beside_pose(after.in_noise(reestimated_noise(after)))
 
 
 def _fixed_names(effect: Effect, model: WrenchModel) -> tuple[str, ...]:

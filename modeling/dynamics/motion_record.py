@@ -57,6 +57,7 @@ class MotionRecord:
     transfer      H(j omega) and its derivatives in the parameters `transfer_parameters`, at omega (rad/s)
     summed        whether a stage acts on the sum of all summands: play, saturation
     derivative    whether parameter derivatives are wanted
+    measured      readings (n, p) of a single run, which tell the state that it finds the sensor in; None without
     """
 
     signals: Mapping[str, Array]
@@ -72,6 +73,7 @@ class MotionRecord:
     summed: bool
     derivative: bool = True
     steady: bool = True
+    measured: Array | None = None
 
     @property
     def clock(self) -> TimeBase:

@@ -159,7 +159,8 @@ class PlayResponse:
         """Play of half-widths (p,) on a load (n, p), both in the channels' units.
 
         `periodic`: the steady state of a periodic load. Otherwise the initial reading is the load (the centre of the
-        play), and so it is for a periodic load of amplitude below w, whose steady state depends on its past. With
+        play), and so it is for a periodic load of amplitude below w, whose steady state depends on its past; of a
+        single run it is what was `measured` (n, p), within the play, until the load pushes (`initial_reading`). With
         `smooth` the load turns between its samples (see `TurningPoints`); without, at samples (static poses).
 
         Raises InputError for a negative width.
@@ -169,11 +170,20 @@ class PlayResponse:
         return cls.turning(columns, turns, width, periodic=periodic)
 
     @classmethod
-    def turning(cls, load: Array, turns: Sequence[TurningPoints], width: Array, *, periodic: bool) -> PlayResponse:
-        """`of` a load (p, n) whose turning points are known, one entry a channel."""
+    def turning(
+        cls,
+        load: Array,
+        turns: Sequence[TurningPoints],
+        width: Array,
+        *,
+        periodic: bool,
+        measured: Array | None = None,
+    ) -> PlayResponse:
+        """`of` a load (p, n) whose turning points are known, one entry a channel; `measured` (p, n) are its readings."""
         if np.any(np.asarray(width) < 0):
             raise InputError(what=f"the half-width {np.min(width):g} is negative", where="play", remedy="make it >= 0")
-        each = zip(load, turns, map(float, width), strict=True)
+        read = [None] * len(load) if measured is None else measured
+        each = zip(load, turns, map(float, width), read, strict=True)
         return cls(tuple(ChannelPlay.of(*channel, periodic) for channel in each))
 
     @property
@@ -183,11 +193,16 @@ class PlayResponse:
 
     @property
     def by_width(self) -> Array:
-        """Derivative of each reading in its half-width, (n, p): -1 pushed up, +1 pushed down, 0 not pushed yet.
+        """Derivative of each reading in its half-width, (n, p): -1 pushed up, +1 pushed down, 0 not pushed.
 
         At width 0 it is the one-sided derivative for increasing width, opposite to the direction of the load.
         """
         return np.stack([play.side for play in self.channels], axis=1)
+
+    @property
+    def measured(self) -> NDArray[np.bool_]:
+        """The readings (n, p) that are those measured at the start."""
+        return np.stack([(play.source < 0) & play.is_measured for play in self.channels], axis=1)
 
     def through(self, series: Array) -> Array:
         """Directional derivative of the reading for a change of the load (n, p, ...), widths constant."""
@@ -211,8 +226,13 @@ class PlayedRecord:
         periodic, smooth = record.clock.periodic, record.dt is not None
         several = np.stack([run.T for run in record.runs(load)])
         turns = _turning_points(several.tobytes(), several.shape, periodic, smooth)
-        runs = zip(several, turns, strict=True)
-        return cls(record, tuple(PlayResponse.turning(*run, width, periodic=periodic) for run in runs))
+        runs, measured = zip(several, turns, strict=True), None
+        if record.measured is not None:
+            bias = record.vectors("bias").value(record.signals, record.theta, len(load))
+            measured = np.ascontiguousarray((record.measured - bias).T)
+        return cls(
+            record, tuple(PlayResponse.turning(*run, width, periodic=periodic, measured=measured) for run in runs)
+        )
 
     @property
     def reading(self) -> Array:
@@ -225,10 +245,16 @@ class PlayedRecord:
         return np.concatenate([run.through(piece) for run, piece in pieces])
 
     def total_derivative(self, derivative: Array) -> Array:
-        """dP/dx dx + dP/dw dw (n, p, k), for the derivative dx of the load."""
+        """dP/dx dx + dP/dw dw (n, p, k), for the derivative dx of the load.
+
+        A reading that is the measured one until the load pushes depends on no parameter, with its bias.
+        """
         if not derivative.shape[2]:
             return derivative
         total = self.through(derivative)
+        if (measured := np.concatenate([run.measured for run in self.runs])).any():
+            _, bias = self.record.vectors("bias").tangent(self.record.signals, self.record.theta, len(total))
+            total[measured] = -bias[measured]
         by_width, widths = np.concatenate([run.by_width for run in self.runs]), self.record.constant("play")[1]
         columns = np.flatnonzero(widths.any(axis=0))  # the few parameters that the widths depend on
         total[:, :, columns] += by_width[:, :, None] * widths[:, columns]
@@ -253,17 +279,22 @@ class ChannelPlay:
     reading  (n,)
     side     (n,), +1 where it is w above the load of its source, -1 below, 0 not pushed yet
     source   (n,), index of the last active turning point; K for the load of the same sample, -1 not pushed yet
+    is_measured  whether the reading that is not pushed yet is the measured one, whatever the load
     """
 
     reading: Array
     side: Array
     source: Indices
     turns: TurningPoints
+    is_measured: bool = False
 
     @classmethod
-    def of(cls, load: Array, turns: TurningPoints, width: float, periodic: bool) -> ChannelPlay:
-        """The play on a load (n,) with its turning points."""
-        states = _PlayStates.along(turns, width, load[0])
+    def of(cls, load: Array, turns: TurningPoints, width: float, measured: Array | None, periodic: bool) -> ChannelPlay:
+        """The play on a load (n,) with its turning points, and readings (n,) where they were measured."""
+        first = load[0] if measured is None else initial_reading(load, measured, width)
+        off = first - load[0]
+        inside = measured is not None and abs(off) < width
+        states = _PlayStates.along(turns, width, first, 0.0 if inside else float(np.sign(off)))
         if periodic:
             states = _PlayStates.along(turns, width, states.reading[-1], states.side[-1], states.source[-1])
         branch = turns.branch
@@ -276,12 +307,13 @@ class ChannelPlay:
             side=np.where(pushed, -upwards, states.side[branch]),
             source=np.where(pushed, len(turns.place), states.source[branch]),
             turns=turns,
+            is_measured=inside,
         )
 
     def through(self, series: Array) -> Array:
         """Directional derivative of the reading for a change (n, ...) of the load, by each sample's source."""
         changed = series.copy()
-        changed[self.source < 0] = series[0]
+        changed[self.source < 0] = 0.0 if self.is_measured else series[0]
         held = np.flatnonzero((self.source >= 0) & (self.source < len(self.turns.place)))
         used, place = np.unique(self.source[held], return_inverse=True)
         weights = self.turns.weights[used]
@@ -290,6 +322,21 @@ class ChannelPlay:
         tops = sum((weights[:, m] * series[self.turns.samples[used, m]] for m in columns), np.zeros(()))
         changed[held] = tops[place]
         return changed
+
+
+def initial_reading(load: Array, measured: Array, width: float) -> float:
+    """The reading that a play of a half-width starts with on a load (n,), from the readings measured (n,).
+
+    What came before the record is unknown, and the reading is anywhere within the play of the load. It is the mean of
+    those measured until the load pushes, weighted by how far it is from that, so that it changes steadily with width
+    and load.
+    """
+    first = np.clip(measured[0], load[0] - width, load[0] + width)
+    weight = np.maximum(width - np.abs(load - first), 0.0)
+    weight[np.logical_or.accumulate(weight <= 0)] = 0.0
+    if weight[0] > 0:
+        first = np.clip(weight @ measured / weight.sum(), load[0] - width, load[0] + width)
+    return float(first)
 
 
 @dataclass(frozen=True, eq=False)
