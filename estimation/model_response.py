@@ -29,8 +29,8 @@ class ModelResponse:
     Either part is (value (samples, p), derivative (samples, p, k)); `periodic` holds one repeat, and is the whole
     series where the recording has no repeats (`whole` is None then). The derivative of `whole` is with respect to the
     parameters at the positions `columns` (None: all); in the others it vanishes. Both are of the mean motion;
-    `own_motion` (samples, p) is what the motion of each repeat adds (`estimation/recordings/repeat_motion.py`), None
-    where the repeats are equal.
+    `own_motion` (samples, p) is what the motion of each repeat adds (`estimation/recordings/repeat_motion.py`), and
+    what is left of the state before the record; None where the repeats are equal.
     """
 
     periodic: tuple[Array, Array]
@@ -86,12 +86,13 @@ def model_response(
     With `derivative` False its arrays are (n, p, 0). `tolerance` is the relative size of the last correction of a
     deflection, which is solved by iteration. Raises InputError when the recording lacks a signal that the model needs.
     """
-    record = motion_record(model, recording.motion, theta, derivative=derivative, measured=run_readings(recording))
+    record = motion_record(model, recording.motion, theta, derivative=derivative, measured=first_readings(recording))
     mean = _response(model, record, tolerance)
     own_motion = recording.own_motion
     if own_motion is None:
         return mean
-    return replace(mean, own_motion=_added(model, recording.motion, own_motion, theta, mean))
+    added = _added(model, recording.motion, own_motion, theta, mean)
+    return replace(mean, own_motion=added if mean.own_motion is None else added + mean.own_motion)
 
 
 def motion_response(
@@ -107,9 +108,10 @@ def motion_response(
     return _response(model, motion_record(model, motion, theta, derivative=derivative, steady=steady), tolerance)
 
 
-def run_readings(recording: Recording) -> Array | None:
-    """The readings (n, p) of a single run in motion, None of any other recording."""
-    return None if recording.repeats > 1 or recording.dt is None else recording.wrench
+def first_readings(recording: Recording) -> Array | None:
+    """The readings (n, p) of a record in motion without pauses, None of any other."""
+    paused = recording.repeats > 1 and not recording.continuous
+    return None if paused or recording.dt is None else recording.wrench
 
 
 def _response(model: WrenchModel, record: MotionRecord, tolerance: float) -> ModelResponse:
@@ -121,13 +123,15 @@ def _response(model: WrenchModel, record: MotionRecord, tolerance: float) -> Mod
         parts = stage.response(parts, record)
     once = record.samples_per_repeat
     zero = (np.zeros((once, len(model.channels))), np.zeros((once, len(model.channels), k)))
-    nonperiodic = [summand for summand in parts if not summand.periodic]
+    constant = [summand.value for summand in parts if summand.columns == () and not summand.periodic]
+    nonperiodic = [summand for summand in parts if not summand.periodic and summand.columns != ()]
     columns = _columns_of(nonperiodic, k)
     return ModelResponse(
         periodic=_sum([summand for summand in parts if summand.periodic], tuple(range(k))) or zero,
         whole=_sum(nonperiodic, columns),
         repeats=record.repeats,
         columns=columns,
+        own_motion=np.asarray(sum(constant)) if constant else None,
     )
 
 

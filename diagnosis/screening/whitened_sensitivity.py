@@ -15,7 +15,7 @@ from estimation.model_response import (
     ModelResponse,
     model_response,
     motion_record,
-    run_readings,
+    first_readings,
     signals_are_periodic,
 )
 from estimation.noise.whitening import FourierLineWhitener, Whitener
@@ -150,7 +150,7 @@ def sensitivity_series(
     For models without deflection, in parameters that are not of the transfer function.
     """
     prediction = compiled_prediction(model)
-    record = motion_record(model, recording.motion, theta[0], measured=run_readings(recording))
+    record = motion_record(model, recording.motion, theta[0], measured=first_readings(recording))
     outside = None if prediction.saturation is None else _clipped(model, recording, theta[0])
     repeats = all(signals_are_periodic(e.inputs, recording.motion) for e in (prediction.load, prediction.bias))
     for emitted, passed in ((prediction.load, True), (prediction.bias, False)):

@@ -325,12 +325,16 @@ class Play(ChainStage):
 
     @classmethod
     def response(cls, parts: list[ResponsePart], record: MotionRecord) -> list[ResponsePart]:
-        """y = P(x; w), dy = dP/dx dx + dP/dw dw."""
+        """y = P(x; w), dy = dP/dx dx + dP/dw dw; and what is left of the state before a record in steady state."""
+        from modeling.dynamics.motion_record import ResponsePart
         from modeling.dynamics.play import PlayedRecord
 
         load = record.sum(parts)
         play = PlayedRecord.of(load.value, record)
-        return [replace(load, value=play.reading, derivative=play.total_derivative(load.derivative))]
+        steady = replace(load, value=play.reading, derivative=play.total_derivative(load.derivative))
+        if (left := play.left_of_start) is None:
+            return [steady]
+        return [steady, ResponsePart(left, left[:, :, None][:, :, :0], periodic=False, columns=())]
 
     def formula(self, reading: str) -> StageFormula:
         """p(t) = max(r - w, min(r + w, p(t-)))."""

@@ -30,7 +30,8 @@ FrequencyResponse = Callable[[Array, Array], tuple[NDArray[np.complex128], list[
 class ResponsePart:
     """A summand of the response: value (n, p), derivative (n, p, k), of one repeat (`periodic`) or the whole record.
 
-    The derivative is with respect to the parameters at the positions `columns` (None: all).
+    The derivative is with respect to the parameters at the positions `columns` (None: all; without any, it is what no
+    parameter has a say in).
     """
 
     value: Array
@@ -57,7 +58,8 @@ class MotionRecord:
     transfer      H(j omega) and its derivatives in the parameters `transfer_parameters`, at omega (rad/s)
     summed        whether a stage acts on the sum of all summands: play, saturation
     derivative    whether parameter derivatives are wanted
-    measured      readings (n, p) of a single run, which tell the state that it finds the sensor in; None without
+    measured      readings (n, p) of a record without pauses, whose start tells the state that it finds the sensor in;
+                  None without
     """
 
     signals: Mapping[str, Array]
@@ -143,5 +145,6 @@ class MotionRecord:
         first, *others = parts
         value, derivative = first.value, first.derivative
         for part in others:
-            value, derivative = value + part.value, derivative + part.derivative
+            value = value + part.value
+            derivative = derivative if part.columns == () else derivative + part.derivative
         return ResponsePart(value, derivative, periodic=first.periodic)

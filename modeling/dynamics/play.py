@@ -179,7 +179,7 @@ class PlayResponse:
         periodic: bool,
         measured: Array | None = None,
     ) -> PlayResponse:
-        """`of` a load (p, n) whose turning points are known, one entry a channel; `measured` (p, n) are its readings."""
+        """`of` a load (p, n) whose turning points are known, one entry a channel, and its `measured` readings."""
         if np.any(np.asarray(width) < 0):
             raise InputError(what=f"the half-width {np.min(width):g} is negative", where="play", remedy="make it >= 0")
         read = [None] * len(load) if measured is None else measured
@@ -214,10 +214,14 @@ class PlayResponse:
 
 @dataclass(frozen=True, eq=False)
 class PlayedRecord:
-    """The play operator along a record: one response for each separate run, or one where repeats are continuous."""
+    """The play operator along a record: one response for each separate run, or one where repeats are continuous.
+
+    `begun` is the response of a record in steady state from the measured state that it begins in; None of others.
+    """
 
     record: MotionRecord
     runs: tuple[PlayResponse, ...]
+    begun: PlayResponse | None = None
 
     @classmethod
     def of(cls, load: Array, record: MotionRecord) -> PlayedRecord:
@@ -226,18 +230,34 @@ class PlayedRecord:
         periodic, smooth = record.clock.periodic, record.dt is not None
         several = np.stack([run.T for run in record.runs(load)])
         turns = _turning_points(several.tobytes(), several.shape, periodic, smooth)
-        runs, measured = zip(several, turns, strict=True), None
+        measured = None
         if record.measured is not None:
             bias = record.vectors("bias").value(record.signals, record.theta, len(load))
-            measured = np.ascontiguousarray((record.measured - bias).T)
-        return cls(
-            record, tuple(PlayResponse.turning(*run, width, periodic=periodic, measured=measured) for run in runs)
+            measured = np.ascontiguousarray((record.measured[: len(load)] - bias).T)
+        of_run = None if periodic else measured
+        runs = tuple(
+            PlayResponse.turning(*run, width, periodic=periodic, measured=of_run)
+            for run in zip(several, turns, strict=True)
         )
+        if not periodic or measured is None:
+            return cls(record, runs)
+        turning = TurningPoints.of_each(several[0], periodic=False, smooth=smooth)
+        return cls(record, runs, PlayResponse.turning(several[0], turning, width, periodic=False, measured=measured))
 
     @property
     def reading(self) -> Array:
         """The output (n, p)."""
         return np.concatenate([run.reading for run in self.runs])
+
+    @property
+    def left_of_start(self) -> Array | None:
+        """What is left of the state before a record in steady state, until the load has pushed, (n, p) of the whole."""
+        if self.begun is None:
+            return None
+        left = np.zeros((self.record.samples(periodic=False), len(self.begun.channels)))
+        begun = self.begun.reading
+        left[: len(begun)] = begun - self.reading
+        return left
 
     def through(self, series: Array) -> Array:
         """A small variation (n, p, ...) of the load through the linearised play."""
