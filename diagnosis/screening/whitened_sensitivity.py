@@ -13,9 +13,9 @@ from diagnosis.screening.null_model import RowChoice, RowSet, row_ranges
 from estimation.fit import Fit
 from estimation.model_response import (
     ModelResponse,
+    first_readings,
     model_response,
     motion_record,
-    first_readings,
     signals_are_periodic,
 )
 from estimation.noise.whitening import FourierLineWhitener, Whitener

@@ -155,19 +155,22 @@ class PlayResponse:
     channels: tuple[ChannelPlay, ...]
 
     @classmethod
-    def of(cls, load: Array, width: Array, *, periodic: bool, smooth: bool = True) -> PlayResponse:
+    def of(
+        cls, load: Array, width: Array, *, periodic: bool, smooth: bool = True, measured: Array | None = None
+    ) -> PlayResponse:
         """Play of half-widths (p,) on a load (n, p), both in the channels' units.
 
         `periodic`: the steady state of a periodic load. Otherwise the initial reading is the load (the centre of the
-        play), and so it is for a periodic load of amplitude below w, whose steady state depends on its past; of a
-        single run it is what was `measured` (n, p), within the play, until the load pushes (`initial_reading`). With
+        play), and so it is for a periodic load of amplitude below w, whose steady state depends on its past; with
+        readings that were `measured` (n, p), it is theirs until the load pushes (`initial_reading`). With
         `smooth` the load turns between its samples (see `TurningPoints`); without, at samples (static poses).
 
         Raises InputError for a negative width.
         """
         columns = np.ascontiguousarray(np.transpose(load), dtype=float)
         turns = TurningPoints.of_each(columns, periodic=periodic, smooth=smooth)
-        return cls.turning(columns, turns, width, periodic=periodic)
+        read = None if measured is None else np.ascontiguousarray(np.transpose(measured), dtype=float)
+        return cls.turning(columns, turns, width, periodic=periodic, measured=read)
 
     @classmethod
     def turning(

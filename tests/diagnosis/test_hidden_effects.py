@@ -100,6 +100,9 @@ FOUND = {
     "sensor_hysteresis": Hidden(
         PlanarRig(), SensorHysteresis(force=0.25, torque=0.01), {"fx": 0.25, "fy": 0.25, "tau": 0.01}
     ),
+    "sensor_hysteresis, begun off the load": Hidden(
+        PlanarRig(), SensorHysteresis(force=1.5, torque=0.06, start=-0.9), {"fx": 1.5, "fy": 1.5, "tau": 0.06}
+    ),
     "line_interference": Hidden(PlanarRig(), LineInterference(frequency=17.317), {"frequency": 17.317}),
     "contact_event": Hidden(PlanarRig(), ContactEvent(), {"fcx": 4.0, "fcy": 2.0, "tauc": 0.3}),
     "gravity_tilt, six axes": Hidden(
