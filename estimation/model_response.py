@@ -29,8 +29,8 @@ class ModelResponse:
     Either part is (value (samples, p), derivative (samples, p, k)); `periodic` holds one repeat, and is the whole
     series where the recording has no repeats (`whole` is None then). The derivative of `whole` is with respect to the
     parameters at the positions `columns` (None: all); in the others it vanishes. Both are of the mean motion;
-    `own_motion` (samples, p) is what the motion of each repeat adds (`estimation/recordings/repeat_motion.py`), and
-    what is left of the state before the record; None where the repeats are equal.
+    `own_motion` (samples, p) is what the motion of each repeat adds (`estimation/recordings/repeat_motion.py`), None
+    where the repeats are equal.
     """
 
     periodic: tuple[Array, Array]
@@ -91,8 +91,7 @@ def model_response(
     own_motion = recording.own_motion
     if own_motion is None:
         return mean
-    added = _added(model, recording.motion, own_motion, theta, mean)
-    return replace(mean, own_motion=added if mean.own_motion is None else added + mean.own_motion)
+    return replace(mean, own_motion=_added(model, recording.motion, own_motion, theta, mean))
 
 
 def motion_response(
@@ -123,15 +122,13 @@ def _response(model: WrenchModel, record: MotionRecord, tolerance: float) -> Mod
         parts = stage.response(parts, record)
     once = record.samples_per_repeat
     zero = (np.zeros((once, len(model.channels))), np.zeros((once, len(model.channels), k)))
-    constant = [summand.value for summand in parts if summand.columns == () and not summand.periodic]
-    nonperiodic = [summand for summand in parts if not summand.periodic and summand.columns != ()]
+    nonperiodic = [summand for summand in parts if not summand.periodic]
     columns = _columns_of(nonperiodic, k)
     return ModelResponse(
         periodic=_sum([summand for summand in parts if summand.periodic], tuple(range(k))) or zero,
         whole=_sum(nonperiodic, columns),
         repeats=record.repeats,
         columns=columns,
-        own_motion=np.asarray(sum(constant)) if constant else None,
     )
 
 

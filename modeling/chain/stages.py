@@ -331,10 +331,12 @@ class Play(ChainStage):
 
         load = record.sum(parts)
         play = PlayedRecord.of(load.value, record)
-        steady = replace(load, value=play.reading, derivative=play.total_derivative(load.derivative))
-        if (left := play.left_of_start) is None:
+        derivative = play.total_derivative(load.derivative)
+        steady = replace(load, value=play.reading, derivative=derivative)
+        if play.begun is None:
             return [steady]
-        return [steady, ResponsePart(left, left[:, :, None][:, :, :0], periodic=False, columns=())]
+        value, begun = play.begun.reading - play.reading, play.begun.total_derivative(load.derivative)
+        return [steady, ResponsePart.at_start(value, begun - derivative, record.samples(periodic=False))]
 
     def formula(self, reading: str) -> StageFormula:
         """p(t) = max(r - w, min(r + w, p(t-)))."""

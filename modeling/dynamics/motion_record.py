@@ -30,14 +30,19 @@ FrequencyResponse = Callable[[Array, Array], tuple[NDArray[np.complex128], list[
 class ResponsePart:
     """A summand of the response: value (n, p), derivative (n, p, k), of one repeat (`periodic`) or the whole record.
 
-    The derivative is with respect to the parameters at the positions `columns` (None: all; without any, it is what no
-    parameter has a say in).
+    The derivative is with respect to the parameters at the positions `columns` (None: all).
     """
 
     value: Array
     derivative: Array
     periodic: bool
     columns: tuple[int, ...] | None = None
+
+    @classmethod
+    def at_start(cls, value: Array, derivative: Array, samples: int) -> ResponsePart:
+        """A summand of a record of so many samples that is zero after its first ones."""
+        after = ((0, samples - len(value)), (0, 0))
+        return cls(np.pad(value, after), np.pad(derivative, (*after, (0, 0))), periodic=False)
 
     def over(self, repeats: int) -> ResponsePart:
         """The same over the whole record."""
@@ -145,6 +150,5 @@ class MotionRecord:
         first, *others = parts
         value, derivative = first.value, first.derivative
         for part in others:
-            value = value + part.value
-            derivative = derivative if part.columns == () else derivative + part.derivative
+            value, derivative = value + part.value, derivative + part.derivative
         return ResponsePart(value, derivative, periodic=first.periodic)

@@ -162,7 +162,7 @@ class PlayResponse:
 
         `periodic`: the steady state of a periodic load. Otherwise the initial reading is the load (the centre of the
         play), and so it is for a periodic load of amplitude below w, whose steady state depends on its past; with
-        readings that were `measured` (n, p), it is theirs until the load pushes (`initial_reading`). With
+        readings that were `measured` (n, p), it is theirs until the load pushes (`initial_offset`). With
         `smooth` the load turns between its samples (see `TurningPoints`); without, at samples (static poses).
 
         Raises InputError for a negative width.
@@ -219,12 +219,12 @@ class PlayResponse:
 class PlayedRecord:
     """The play operator along a record: one response for each separate run, or one where repeats are continuous.
 
-    `begun` is the response of a record in steady state from the measured state that it begins in; None of others.
+    `begun` is that of a record in steady state from the measured state that it begins in; None of others.
     """
 
     record: MotionRecord
     runs: tuple[PlayResponse, ...]
-    begun: PlayResponse | None = None
+    begun: PlayedRecord | None = None
 
     @classmethod
     def of(cls, load: Array, record: MotionRecord) -> PlayedRecord:
@@ -245,22 +245,13 @@ class PlayedRecord:
         if not periodic or measured is None:
             return cls(record, runs)
         turning = TurningPoints.of_each(several[0], periodic=False, smooth=smooth)
-        return cls(record, runs, PlayResponse.turning(several[0], turning, width, periodic=False, measured=measured))
+        begun = PlayResponse.turning(several[0], turning, width, periodic=False, measured=measured)
+        return cls(record, runs, cls(record, (begun,)))
 
     @property
     def reading(self) -> Array:
         """The output (n, p)."""
         return np.concatenate([run.reading for run in self.runs])
-
-    @property
-    def left_of_start(self) -> Array | None:
-        """What is left of the state before a record in steady state, until the load has pushed, (n, p) of the whole."""
-        if self.begun is None:
-            return None
-        left = np.zeros((self.record.samples(periodic=False), len(self.begun.channels)))
-        begun = self.begun.reading
-        left[: len(begun)] = begun - self.reading
-        return left
 
     def through(self, series: Array) -> Array:
         """A small variation (n, p, ...) of the load through the linearised play."""
@@ -314,10 +305,9 @@ class ChannelPlay:
     @classmethod
     def of(cls, load: Array, turns: TurningPoints, width: float, measured: Array | None, periodic: bool) -> ChannelPlay:
         """The play on a load (n,) with its turning points, and readings (n,) where they were measured."""
-        first = load[0] if measured is None else initial_reading(load, measured, width)
-        off = first - load[0]
-        inside = measured is not None and abs(off) < width
-        states = _PlayStates.along(turns, width, first, 0.0 if inside else float(np.sign(off)))
+        offset = 0.0 if measured is None else initial_offset(load, measured, width)
+        inside = measured is not None and abs(offset) < width
+        states = _PlayStates.along(turns, width, load[0] + offset, 0.0 if inside else float(np.sign(offset)))
         if periodic:
             states = _PlayStates.along(turns, width, states.reading[-1], states.side[-1], states.source[-1])
         branch = turns.branch
@@ -347,19 +337,19 @@ class ChannelPlay:
         return changed
 
 
-def initial_reading(load: Array, measured: Array, width: float) -> float:
-    """The reading that a play of a half-width starts with on a load (n,), from the readings measured (n,).
+def initial_offset(load: Array, measured: Array, width: float) -> float:
+    """By how much the reading of a play of a half-width is off a load (n,) at first, from those measured (n,).
 
     What came before the record is unknown, and the reading is anywhere within the play of the load. It is the mean of
     those measured until the load pushes, weighted by how far it is from that, so that it changes steadily with width
     and load.
     """
-    first = np.clip(measured[0], load[0] - width, load[0] + width)
-    weight = np.maximum(width - np.abs(load - first), 0.0)
+    offset = np.clip(measured[0] - load[0], -width, width)
+    weight = width - np.abs(load - load[0] - offset)
     weight[np.logical_or.accumulate(weight <= 0)] = 0.0
     if weight[0] > 0:
-        first = np.clip(weight @ measured / weight.sum(), load[0] - width, load[0] + width)
-    return float(first)
+        offset = np.clip(weight @ measured / weight.sum() - load[0], -width, width)
+    return float(offset)
 
 
 @dataclass(frozen=True, eq=False)
