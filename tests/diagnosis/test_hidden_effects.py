@@ -129,9 +129,9 @@ FOUND = {
     "time_delay, six axes": Hidden(SpatialRig(), TimeDelay(delay=0.012), {"delay": 0.012}),
 }
 
-DAILY = ("viscous_drag", "sensor_lag", "contact_event", "coulomb_friction, wide")
-"""Of three kinds: load, dynamics, transient; and a load of two forms. The others are in the long tier, as are those in
-six axes, of which daily tests of single runs are."""
+DAILY = ("viscous_drag", "sensor_lag", "contact_event")
+"""Of three kinds: load, dynamics, transient; the others are in the long tier, as are those in six axes, of which daily
+tests of single runs are."""
 
 
 def test_an_onset_is_printed_no_finer_than_the_sampling_step() -> None:

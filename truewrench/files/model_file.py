@@ -33,6 +33,7 @@ from modeling.chain.effect import Effect
 from modeling.chain.model import QUARTER_TURNS, QuarterTurnRotation, WrenchModel
 from modeling.chain.sensor_axes import axes_data
 from modeling.effects import named
+from modeling.effects.loads import OFFSETS, DryFriction
 from modeling.effects.sensor import SensorCrosstalk
 from modeling.errors import InputError, file_text, kind_of
 from modeling.formulas.custom_effect import CustomEffect
@@ -524,10 +525,11 @@ def _effect(table: _Effect, model: _Model, space: Space) -> Effect:
     if isinstance(configured, SensorCrosstalk):
         own = tuple(p.name for p in configured.parameters(space) if f"{table.id}.{p.name}" in model.parameters)
         return configured if len(own) == len(configured.parameters(space)) else replace(configured, leaks=own)
-    fixed = [p.name for p in configured.restricted(space).parameters(space) if p.fixed]
-    if not {f"{table.id}.{name}" for name in fixed} & model.parameters.keys():
-        return configured.restricted(space)
-    return configured
+    point = {f"{table.id}.{p.name}" for p in OFFSETS} & model.parameters.keys()
+    read = configured if point else configured.restricted(space)
+    if isinstance(configured, DryFriction) and isinstance(read, DryFriction):
+        return replace(read, narrow=configured.narrow or f"{table.id}.width" not in model.parameters)
+    return read
 
 
 def _effect_data(effect: Effect) -> dict[str, Any]:

@@ -38,6 +38,8 @@ STRONG: Mapping[str, simulated.HiddenEffect] = {
     "sensor_gain": simulated.SensorGain(errors=(("fy", 0.3),)),
     "sensor_crosstalk": simulated.SensorCrosstalk(leaks=(("fy", "fx", 0.2), ("fx", "fy", -0.1))),
     "gain_nonlinearity": simulated.GainNonlinearity(quadratic=0.01, cubic=1e-3),
+    "coulomb_friction": simulated.CoulombFriction(level=0.1, width=0.2),
+    "translational_friction": simulated.TranslationalFriction(level=0.8, width=0.2),
     "sensor_hysteresis": simulated.SensorHysteresis(force=1.5, torque=0.06, start=0.7),
     "sensor_lag": simulated.SensorLag(time_constant=0.1),
     "time_delay": simulated.TimeDelay(delay=0.083),
