@@ -264,7 +264,7 @@ class _HiddenEffect:
         parameters = {p.name: p for p in test.effect.qualified(fit.model.space)}
         name, amount = next(iter(test.detectable.items()))
         nominal = {name: p.nominal for name, p in parameters.items()}
-        values = nominal | dict(test.start) | {amplitude: nominal[amplitude] for amplitude in test.detectable}
+        values = nominal | test.detectable_at
         # the amount is the value itself where the effect vanishes at infinity
         values[name] = nominal[name] + amount if np.isfinite(nominal[name]) else amount
         model, recording = fit.model + test.effect, fit.recordings[0]

@@ -25,6 +25,7 @@ from diagnosis.screening.score_test import (
 from diagnosis.screening.whitened_sensitivity import whitened_sensitivities
 from estimation.fit import Fit, in_noise_beside_pose, reestimated_noise, with_ordinary_estimate
 from estimation.multiplicity import bonferroni_p_value, bonferroni_threshold, chi2_sf, chi_square_penalty
+from modeling.chain.chain import Stage
 from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel
 from modeling.effects.sensor import SensorCrosstalk
@@ -35,13 +36,14 @@ from modeling.significance import LEVELS
 
 
 def with_offsets_tested(fit: Fit, cache: ScreeningCache, effects: Sequence[Effect] | None = None) -> Fit:
-    """The fit with x and y of its effects free where that is significantly better, and fixed at 0 where not.
+    """The fit with x and y of its effects, or a width, free where that is significantly better, and fixed where not.
 
     Of all its effects, or of those given.
 
     An effect on the tip axis is freed if the score test of x and y, given all other parameters of the fit, is
     significant, and the exact refit leaves the point within its bounds. A free one returns to the axis if a Wald test
-    of x = y = 0 is not significant: another effect, added since, explains what had moved the point.
+    of x = y = 0 is not significant: another effect, added since, explains what had moved the point. So does friction
+    of a narrow step, whose width is tested at the one that its search begins at.
     """
     for effect in fit.model.effects if effects is None else effects:
         free, restricted = effect.unrestricted(fit.model.space), effect.restricted(fit.model.space)
@@ -59,9 +61,16 @@ def effect_with_offsets(fit: Fit, effect: Effect, cache: ScreeningCache) -> Effe
 
 
 def refit_in_own_noise(before: Fit, model: WrenchModel, start: dict[str, float]) -> Fit:
-    """A model refitted to the recordings of a fit in their noise, re-estimated where it comes from the residual."""
+    """A model refitted to the recordings of a fit in their noise, re-estimated where it comes from the residual.
+
+    That of a model without the play of a large hysteresis takes most of it for noise, in which other widths fit as
+    well: the play is fitted by ordinary least squares first.
+    """
     after = before.refitted(model, start)
-    return in_noise_beside_pose(after.in_noise(reestimated_noise(after))) if noise_from_residual(before) else after
+    if not noise_from_residual(before):
+        return after
+    after = with_ordinary_estimate(after) if any(e.stage is Stage.PLAY for e in model.effects) else after
+    return in_noise_beside_pose(after.in_noise(reestimated_noise(after)))
 
 
 def _fixed_names(effect: Effect, model: WrenchModel) -> tuple[str, ...]:
@@ -81,24 +90,27 @@ def _score_test_p_value(fit: Fit, effect: Effect, cache: ScreeningCache) -> floa
     names = _fixed_names(effect, fit.model)
     model = fit.model.without(effect.id) + effect.unrestricted(fit.model.space)
     choice = affected_rows(fit, model, tested=False)
-    columns = whitened_sensitivities(fit, model, [{}], names, choice)
+    start = {p.name: p.start for p in model.parameters if p.name in names and p.start is not None}
+    columns = whitened_sensitivities(fit, model, [start], names, choice)
     return ProjectedColumns.of_point(cache.null_model(fit), columns, choice).test(0).p_value()
 
 
 def _freed(fit: Fit, effect: Effect) -> Fit:
     """The fit with the effect's fixed parameters free; itself where one of them ends on a bound."""
     free, fixed = effect.unrestricted(fit.model.space), _fixed_names(effect, fit.model)
-    after = refit_in_own_noise(fit, _with(fit.model, free), fit.values)
+    start = {name: value for name, value in fit.values.items() if name not in fixed}
+    after = refit_in_own_noise(fit, _with(fit.model, free), start)
     inside = all(after.values[p.name] not in p.bounds for p in free.qualified(fit.model.space) if p.name in fixed)
     return after if inside else fit
 
 
 def _significantly_off(fit: Fit, names: tuple[str, ...]) -> bool:
-    """Whether the parameters are identifiable and differ significantly from 0."""
+    """Whether the parameters are identifiable and differ significantly from where they are fixed."""
     place = [list(fit.parameters).index(name) for name in names]
     if not fit.identifiable[place].all():
         return False
-    values, covariance = fit.theta[place], fit.covariance[np.ix_(place, place)]
+    nominal = np.array([fit.unknowns[i].nominal for i in place])
+    values, covariance = fit.theta[place] - nominal, fit.covariance[np.ix_(place, place)]
     return bool(chi2_sf(values @ np.linalg.solve(covariance, values), len(place)) < LEVELS.offset)
 
 

@@ -18,6 +18,7 @@ from estimation.model_response import ModelResponse, model_response, predicted_r
 from estimation.noise.recording_noise import RecordingNoise, sample_step
 from estimation.parameter_layout import ParameterLayout, parameter_layout, require_known_start
 from estimation.recordings.recording import Recording
+from modeling.chain.chain import Stage
 from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel, require_model
 from modeling.errors import InputError, kind_of
@@ -533,9 +534,9 @@ def noise_without_transients(fit: Fit) -> tuple[RecordingNoise, ...] | None:
     """Noise of a fit's recordings without the effects that it explains; None where it hardly changes.
 
     A payload change or a contact has a broad spectrum, and what event detection missed of it was attributed to noise.
-    So was what any effect makes of repeats that moved differently.
+    So was what any effect makes of repeats that moved differently, and how a play came into its steady state.
     """
-    transient = any(e.has_role(Role.ONSET, fit.model.space) for e in fit.model.effects)
+    transient = any(e.has_role(Role.ONSET, fit.model.space) or e.stage is Stage.PLAY for e in fit.model.effects)
     changed = [transient or (r.own_motion is not None and bool(fit.model.effects)) for r in fit.recordings]
     if not any(changed):
         return None

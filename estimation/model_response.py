@@ -86,7 +86,8 @@ def model_response(
     With `derivative` False its arrays are (n, p, 0). `tolerance` is the relative size of the last correction of a
     deflection, which is solved by iteration. Raises InputError when the recording lacks a signal that the model needs.
     """
-    mean = motion_response(model, recording.motion, theta, derivative=derivative, tolerance=tolerance)
+    record = motion_record(model, recording.motion, theta, derivative=derivative, measured=first_readings(recording))
+    mean = _response(model, record, tolerance)
     own_motion = recording.own_motion
     if own_motion is None:
         return mean
@@ -103,20 +104,30 @@ def motion_response(
     steady: bool = True,
 ) -> ModelResponse:
     """`model_response` to the signals of a motion, if `steady` in its periodic steady state."""
-    k = len(theta) if derivative else 0
-    record = motion_record(model, motion, theta, derivative=derivative, steady=steady)
+    return _response(model, motion_record(model, motion, theta, derivative=derivative, steady=steady), tolerance)
+
+
+def first_readings(recording: Recording) -> Array | None:
+    """The readings (n, p) of a record in motion without pauses, None of any other."""
+    paused = recording.repeats > 1 and not recording.continuous
+    return None if paused or recording.dt is None else recording.wrench
+
+
+def _response(model: WrenchModel, record: MotionRecord, tolerance: float) -> ModelResponse:
+    """The response along a record of motion."""
+    k = len(record.theta) if record.derivative else 0
     deflection = compiled_prediction(model).deflection
     parts = record.evaluated("load") if deflection is None else [deflection.response(record, tolerance)]
     for stage in compiled_prediction(model).stages:
         parts = stage.response(parts, record)
-    once = motion.recorded.samples_per_repeat
+    once = record.samples_per_repeat
     zero = (np.zeros((once, len(model.channels))), np.zeros((once, len(model.channels), k)))
     nonperiodic = [summand for summand in parts if not summand.periodic]
     columns = _columns_of(nonperiodic, k)
     return ModelResponse(
         periodic=_sum([summand for summand in parts if summand.periodic], tuple(range(k))) or zero,
         whole=_sum(nonperiodic, columns),
-        repeats=motion.recorded.repeats,
+        repeats=record.repeats,
         columns=columns,
     )
 
@@ -182,7 +193,13 @@ def _sum(parts: Sequence[ResponsePart], columns: tuple[int, ...]) -> tuple[Array
 
 
 def motion_record(
-    model: WrenchModel, motion: Motion, theta: Array, *, derivative: bool = True, steady: bool = True
+    model: WrenchModel,
+    motion: Motion,
+    theta: Array,
+    *,
+    derivative: bool = True,
+    steady: bool = True,
+    measured: Array | None = None,
 ) -> MotionRecord:
     """The motion as the stages of the model take it, at the parameters theta (k,)."""
     prediction = compiled_prediction(model)
@@ -202,6 +219,7 @@ def motion_record(
         summed=not all(stage.linear for stage in prediction.stages),
         derivative=derivative,
         steady=steady,
+        measured=measured,
     )
 
 

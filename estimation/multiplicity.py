@@ -23,6 +23,8 @@ Numbers = Any
 """A number, or an array of them."""
 QUANTILES = 50
 """Of a distribution over which another is averaged."""
+LATTICE = 19
+"""Quantiles of two independent distributions are paired by multiples of it, which covers their square evenly."""
 NONCENTRALITY_TOLERANCE = 1e-3
 """Relative, of a noncentrality found by bisection: half as much of an amount."""
 NEWTON_TOLERANCE = 1e-8
@@ -55,8 +57,12 @@ def f_isf(probability: Numbers, above: Numbers, below: Numbers) -> Numbers:
     return below * (1.0 / np.maximum(share, np.finfo(float).tiny) - 1.0) / above
 
 
-def f_noncentrality(ratio: Array, above: Array, below: Array, probability: float) -> Array:
+def f_noncentrality(
+    ratio: Array, above: Array, below: Array, probability: float, *, in_other_noise: bool = False
+) -> Array:
     """The noncentrality (t, n) with which noncentral F exceeds each `ratio` (t, n) with that probability.
+
+    With `in_other_noise` it is stated in units of another estimate of the noise, of as many degrees of freedom.
 
     The numerator has `above` (t, 1) degrees of freedom, one for each of t tests, the denominator `below` (n,). Averaged
     over quantiles of the denominator; the numerator, noncentral chi-square, by the cube root that is nearly normal
@@ -64,11 +70,12 @@ def f_noncentrality(ratio: Array, above: Array, below: Array, probability: float
     """
     middles = (np.arange(QUANTILES) + 0.5) / QUANTILES
     quantiles = 2 * scipy.special.gammaincinv(below[:, None] / 2, middles) / below[:, None]
+    units = quantiles[:, LATTICE * np.arange(QUANTILES) % QUANTILES] if in_other_noise else 1.0
     needed, above = (above * ratio)[..., None] * quantiles, above[..., None]
     low, high = np.full(ratio.shape, -10.0), np.log(above[..., 0] * (ratio + 1)) + 10.0
     while (high - low).max() > NONCENTRALITY_TOLERANCE:
         middle = (low + high) / 2
-        mean = above + np.exp(middle)[..., None]
+        mean = above + np.exp(middle)[..., None] * units
         spread = 2 * (2 * mean - above) / (9 * mean**2)
         power = scipy.special.ndtr((1 - spread - np.cbrt(needed / mean)) / np.sqrt(spread)).mean(axis=-1)
         low, high = np.where(power < probability, middle, low), np.where(power < probability, high, middle)
@@ -185,17 +192,18 @@ def bonferroni_threshold(parameters: int, candidates: int) -> float:
 
 
 def detectable_noncentrality(freedom: Sequence[int], significance: Sequence[float], log_power_variance: Array) -> Array:
-    """Noncentrality (t, n) that each of t score tests detects with 80 % power.
+    """Noncentrality (t, n) that each of t score tests detects with 80 % power, in recordings like the one it is of.
 
     The tests have so many degrees of freedom and these significance levels, (t,). Such a test is `chi_square_p_value`:
-    chi-square where the noise is known (`log_power_variance` (n,) zero), else F.
+    chi-square where the noise is known (`log_power_variance` (n,) zero), else F, in a noise estimated anew each time.
     """
     above, level = np.array(freedom, dtype=np.float64)[:, None], np.array(significance)[:, None]
     is_known = log_power_variance <= 0
     noncentralities = np.tile(noncentrality(chi2_isf(level, above), above, LEVELS.power), (1, len(is_known)))
     if not is_known.all():
         below = np.array([2 * inverse_trigamma(float(v)) for v in log_power_variance[~is_known]])
-        noncentralities[:, ~is_known] = f_noncentrality(f_isf(level, above, below), above, below, LEVELS.power)
+        ratio = f_isf(level, above, below)
+        noncentralities[:, ~is_known] = f_noncentrality(ratio, above, below, LEVELS.power, in_other_noise=True)
     return np.asarray(noncentralities)
 
 

@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from math import inf, isfinite
+from math import ceil, inf, isfinite
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,8 +95,13 @@ CLEARLY_SIGNIFICANT = 1e-6
 """P-value by a limit of the motion's noise that needs no better one, whatever the number of effects."""
 
 
-def _undetectable(_level: float) -> Mapping[str, float]:
-    return {}
+def _undetectable(_level: float) -> tuple[Mapping[str, float], NuisanceValues]:
+    return {}, {}
+
+
+SHARE_OF_PLACES = 0.9
+"""Share of the places searched (points of application, times, widths) at which no more is needed than what is stated as
+detectable: not all, as at a few an effect hardly acts, such as a payload taken up at the end of a record."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +113,7 @@ class ScoreTest:
     start       initial values of the exact refit
     amounts     estimated changes of the amplitudes from nominal, with their std; of the value itself if nominal is
                 infinite: such an amplitude acts by its inverse, the amount a at the grid value v means v / a
-    limits      changes of the amplitudes that a test at a level of significance detects with 80 % power
+    limits      changes of the amplitudes that a test at a level of significance detects with 80 % power, and where
     level       that level, of each point tested
     point       grid point of the best score, None when not excited
     reason      why it is not excited, empty when it is
@@ -121,7 +126,7 @@ class ScoreTest:
     p_value: float
     start: NuisanceValues
     amounts: Mapping[str, tuple[float, float]]
-    limits: Callable[[float], Mapping[str, float]] = field(default=_undetectable, repr=False)
+    limits: Callable[[float], tuple[Mapping[str, float], NuisanceValues]] = field(default=_undetectable, repr=False)
     level: float = LEVELS.effect
     point: GridPoint | None = None
     reason: str = ""
@@ -133,9 +138,19 @@ class ScoreTest:
         """Whether the effect is identifiable from the recordings."""
         return not self.reason
 
-    @cached_property
+    @property
     def detectable(self) -> Mapping[str, float]:
-        """Changes of the amplitudes that are detected with 80 % power; computed when asked for, as it takes long."""
+        """Changes of the amplitudes that are detected with 80 % power where they are as `detectable_at`."""
+        return self._limits[0]
+
+    @property
+    def detectable_at(self) -> NuisanceValues:
+        """The place, times or width that `detectable` is for: none that depends on the noise of the recording."""
+        return self._limits[1]
+
+    @cached_property
+    def _limits(self) -> tuple[Mapping[str, float], NuisanceValues]:
+        """Computed when asked for, as it takes long."""
         return self.limits(self.level)
 
     def share_of(self, excess: float | None) -> float | None:
@@ -244,13 +259,15 @@ def _best_of(projected: ProjectedColumns, effect: Effect, grid: Sequence[GridPoi
     if effect.has_role(Role.FREQUENCY, fit.model.space):  # at least as many as over all frequencies
         samples = max(r.samples for r in fit.recordings)
         searched = max(searched, effective_number_of_frequencies(test.together.value, samples))
+    hard = _hard_place(projected.std)
+    at_hard = test if hard == place else projected.test(hard)
     return ScoreTest(
         effect=effect,
         statistic=test.together.value,
         p_value=min(1.0, searched * test.p_value()),
         start=point.start(test.amounts),
         amounts=_amounts(point, test),
-        limits=partial(_detectable, test, grid, place, projected.std),
+        limits=partial(_detectable, at_hard, grid, hard, projected.std),
         point=point,
         searched=searched,
         test=test,
@@ -269,25 +286,39 @@ def _amounts(point: GridPoint, test: PointTest) -> dict[str, tuple[float, float]
     return amounts
 
 
+def _hard_place(std: NDArray[np.float64]) -> int:
+    """Index of the grid point at which more is needed than at `SHARE_OF_PLACES` of those where an effect shows.
+
+    `std` (g, a) are those of the amounts, infinite where an amplitude is not identifiable.
+    """
+    shows = np.isfinite(std) & (std > 0)
+    count = shows.sum(axis=1)
+    places = np.flatnonzero(count == count.max())
+    needed = np.log(np.where(shows, std, 1.0))[places].sum(axis=1)
+    return int(places[np.argsort(needed, kind="stable")[ceil(SHARE_OF_PLACES * len(places)) - 1]])
+
+
 def _detectable(
     test: PointTest, grid: Sequence[GridPoint], place: int, std: NDArray[np.float64], level: float
-) -> Mapping[str, float]:
-    """Change of each amplitude from nominal that the test at the best place of a grid detects with 80 % power.
+) -> tuple[Mapping[str, float], NuisanceValues]:
+    """Change of each amplitude from nominal that a test in the noise at one place of a grid detects with 80 % power.
 
-    Where the nominal value is infinite, the effect decreases with the value: the value within the grid range, from
-    the grid point whose own noncentrality is nearest. `std` (g, a) are those of the amounts at each point.
+    Where the grid itself is one of sizes of the amplitude, at the point of the size that it detects. Where the nominal
+    value is infinite, the effect decreases with the value: it is the value itself, within the grid's range. `std`
+    (g, a) are those of the amounts at each point. Returns the nuisance values there, too.
     """
     needed = np.sqrt(test.power * test.detectable_noncentrality(level)) * std
+    amounts = np.maximum(np.where(needed > 0, needed, np.inf), 1e-300)
     detectable = {}
     for i, p in enumerate(grid[place].amplitudes):
-        if isfinite(p.nominal):
-            detectable[p.name] = float(needed[place, i] * abs(grid[place].unit_of(p)))
-            continue
         sizes = np.array([point.unit_of(p) for point in grid])
-        amount = np.maximum(np.where(needed[:, i] > 0, needed[:, i], np.inf), 1e-300)
-        near = int(np.argmin(np.abs(np.log(amount))))
-        detectable[p.name] = float(np.clip(sizes[near] / amount[near], sizes.min(), sizes.max()))
-    return detectable
+        if np.ptp(sizes):
+            place = int(np.argmin(np.abs(np.log(amounts[:, i]))))
+        if isfinite(p.nominal):
+            detectable[p.name] = float(needed[place, i] * abs(sizes[place]))
+        else:
+            detectable[p.name] = float(np.clip(sizes[place] / amounts[place, i], sizes.min(), sizes.max()))
+    return detectable, grid[place].nuisances
 
 
 TAKEN_IN_BY_CLOCKS = (TimeDelay.id, SensorLag.id)

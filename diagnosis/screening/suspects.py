@@ -141,9 +141,9 @@ class Suspects(Tabular):
         return f"{_short_name(name)} > {_number(test.detectable[name], parameter.unit)}"
 
     def detectable_text(self, test: ScoreTest) -> str:
-        """The smallest amounts, and the place, time or frequency at which they are: that of the largest score."""
+        """The smallest amounts, and the place, time or frequency at which they are."""
         listed, parameters = list(test.detectable.items())[:MOST_AMOUNTS], self._qualified(test)
-        searched = [(n, v) for n, v in test.start.items() if n in parameters and parameters[n].nuisance]
+        searched = test.detectable_at.items()
         amounts, place = (
             ", ".join(f"{_short_name(name)} {_number(v, format_unit(parameters[name].unit))}" for name, v in several)
             for several in (listed, searched)

@@ -11,7 +11,13 @@ from numpy.typing import NDArray
 
 from diagnosis.screening.null_model import RowChoice, RowSet, row_ranges
 from estimation.fit import Fit
-from estimation.model_response import ModelResponse, model_response, motion_record, signals_are_periodic
+from estimation.model_response import (
+    ModelResponse,
+    first_readings,
+    model_response,
+    motion_record,
+    signals_are_periodic,
+)
 from estimation.noise.whitening import FourierLineWhitener, Whitener
 from estimation.parameter_layout import ParameterLayout, parameter_layout
 from estimation.recordings.recording import Recording
@@ -143,7 +149,8 @@ def sensitivity_series(
 
     For models without deflection, in parameters that are not of the transfer function.
     """
-    prediction, record = compiled_prediction(model), motion_record(model, recording.motion, theta[0])
+    prediction = compiled_prediction(model)
+    record = motion_record(model, recording.motion, theta[0], measured=first_readings(recording))
     outside = None if prediction.saturation is None else _clipped(model, recording, theta[0])
     repeats = all(signals_are_periodic(e.inputs, recording.motion) for e in (prediction.load, prediction.bias))
     for emitted, passed in ((prediction.load, True), (prediction.bias, False)):

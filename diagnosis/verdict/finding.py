@@ -18,7 +18,7 @@ from diagnosis.verdict.selection_step import EffectRefits, FinalRefit, Selection
 from diagnosis.verdict_rule import EffectVerdict, VerdictRule, judge
 from estimation.least_squares.estimates import Estimate, estimates_data, parameter_table
 from estimation.multiplicity import chi2_sf
-from modeling.chain.effect import Effect
+from modeling.chain.effect import Effect, NuisanceValues
 from modeling.number_format import finite, p_value_text
 from modeling.significance import LEVELS
 from modeling.space import Space
@@ -227,7 +227,7 @@ class Finding(Tabular):
     p_value         multiplicity-corrected, of the score test; None when not tested
     error_removed   share of the systematic power that it removes; not added: of the excess chi-square, by its score,
                     None where the noise is taken from the residual, so that there is no such excess
-    detectable      changes of its amplitudes that are detected with 80 % power
+    detectable      changes of its amplitudes that are detected with 80 % power, where they are as `detectable_at`
     confusable_with ids of its aliases (of an alias: the added effect)
     closest         of an added effect: the other one that imitates it best, None where no other is significant there
     reason          why it is not supported, empty when that is its p-value
@@ -242,6 +242,7 @@ class Finding(Tabular):
     reason: str
     parameters: Mapping[str, Estimate]
     closest: Alias | None = None
+    detectable_at: NuisanceValues = field(default_factory=dict)
 
     @property
     def significant_share(self) -> float | None:
@@ -268,6 +269,7 @@ class Finding(Tabular):
             "p_value": self.p_value,
             "error_removed": self.error_removed,
             "detectable": dict(self.detectable),
+            "detectable_at": dict(self.detectable_at),
             "confusable_with": list(self.confusable_with),
             "closest": None if self.closest is None else self.closest.to_data(),
             "reason": self.reason,
@@ -337,9 +339,10 @@ def _finding(
 ) -> Finding:
     """The finding on an effect, by the first rule that applies to its evidence."""
     verdict, reason = judge(rules, evidence)
-    effect, detectable = evidence.screening.effect, _by_short_name(evidence.screening.detectable)
-    parameters = _by_short_name(parameters)
-    return Finding(effect, verdict, p_value, error_removed, detectable, confusable_with, reason, parameters, closest)
+    screening, its = evidence.screening, _by_short_name(parameters)
+    detectable, place = _by_short_name(screening.detectable), _by_short_name(screening.detectable_at)
+    effect = screening.effect
+    return Finding(effect, verdict, p_value, error_removed, detectable, confusable_with, reason, its, closest, place)
 
 
 def _amounts(screening: ScoreTest, space: Space) -> dict[str, Estimate]:

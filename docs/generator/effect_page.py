@@ -89,13 +89,13 @@ def _code_kept(text: str) -> str:
 def parameter_table(effect: Effect, space: Space) -> str:
     """Meaning, unit and range of the parameters as Markdown, alike ones in one row; for an arm of three joints."""
     arm = Rig(link_lengths=(1.0, 1.0, 1.0)).arm
-    fixed = {p.name for p in effect.restricted(space).parameters(space) if p.fixed}
+    fixed = {p.name: p.nominal for p in effect.restricted(space).parameters(space) if p.fixed}
     rows = []
     for (_, unit, bounds), group in groupby(effect.fitting(arm).parameters(space), _kind):
         first, *others = group
         names = [first.name, *(p.name for p in others)]
         meaning = first.meaning + (", and so on" if others else "")
-        note = "; fixed at 0 unless it is significant" if names[0] in fixed else ""
+        note = f"; fixed at {fixed[names[0]]:g} unless another value is significant" if names[0] in fixed else ""
         rows.append((_listed(names), meaning + note, format_unit(unit) or "1", _range(bounds)))
     return markdown_table(Table.of((Column("parameter"), Column("what it is"), Column("unit"), Column("range")), rows))
 

@@ -325,12 +325,18 @@ class Play(ChainStage):
 
     @classmethod
     def response(cls, parts: list[ResponsePart], record: MotionRecord) -> list[ResponsePart]:
-        """y = P(x; w), dy = dP/dx dx + dP/dw dw."""
+        """y = P(x; w), dy = dP/dx dx + dP/dw dw; and what is left of the state before a record in steady state."""
+        from modeling.dynamics.motion_record import ResponsePart
         from modeling.dynamics.play import PlayedRecord
 
         load = record.sum(parts)
         play = PlayedRecord.of(load.value, record)
-        return [replace(load, value=play.reading, derivative=play.total_derivative(load.derivative))]
+        derivative = play.total_derivative(load.derivative)
+        steady = replace(load, value=play.reading, derivative=derivative)
+        if play.begun is None:
+            return [steady]
+        value, begun = play.begun.reading - play.reading, play.begun.total_derivative(load.derivative)
+        return [steady, ResponsePart.at_start(value, begun - derivative, record.samples(periodic=False))]
 
     def formula(self, reading: str) -> StageFormula:
         """p(t) = max(r - w, min(r + w, p(t-)))."""

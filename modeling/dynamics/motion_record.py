@@ -38,6 +38,12 @@ class ResponsePart:
     periodic: bool
     columns: tuple[int, ...] | None = None
 
+    @classmethod
+    def at_start(cls, value: Array, derivative: Array, samples: int) -> ResponsePart:
+        """A summand of a record of so many samples that is zero after its first ones."""
+        after = ((0, samples - len(value)), (0, 0))
+        return cls(np.pad(value, after), np.pad(derivative, (*after, (0, 0))), periodic=False)
+
     def over(self, repeats: int) -> ResponsePart:
         """The same over the whole record."""
         if not self.periodic:
@@ -57,6 +63,8 @@ class MotionRecord:
     transfer      H(j omega) and its derivatives in the parameters `transfer_parameters`, at omega (rad/s)
     summed        whether a stage acts on the sum of all summands: play, saturation
     derivative    whether parameter derivatives are wanted
+    measured      readings (n, p) of a record without pauses, whose start tells the state that it finds the sensor in;
+                  None without
     """
 
     signals: Mapping[str, Array]
@@ -72,6 +80,7 @@ class MotionRecord:
     summed: bool
     derivative: bool = True
     steady: bool = True
+    measured: Array | None = None
 
     @property
     def clock(self) -> TimeBase:

@@ -155,25 +155,38 @@ class PlayResponse:
     channels: tuple[ChannelPlay, ...]
 
     @classmethod
-    def of(cls, load: Array, width: Array, *, periodic: bool, smooth: bool = True) -> PlayResponse:
+    def of(
+        cls, load: Array, width: Array, *, periodic: bool, smooth: bool = True, measured: Array | None = None
+    ) -> PlayResponse:
         """Play of half-widths (p,) on a load (n, p), both in the channels' units.
 
         `periodic`: the steady state of a periodic load. Otherwise the initial reading is the load (the centre of the
-        play), and so it is for a periodic load of amplitude below w, whose steady state depends on its past. With
+        play), and so it is for a periodic load of amplitude below w, whose steady state depends on its past; with
+        readings that were `measured` (n, p), it is theirs until the load pushes (`initial_offset`). With
         `smooth` the load turns between its samples (see `TurningPoints`); without, at samples (static poses).
 
         Raises InputError for a negative width.
         """
         columns = np.ascontiguousarray(np.transpose(load), dtype=float)
         turns = TurningPoints.of_each(columns, periodic=periodic, smooth=smooth)
-        return cls.turning(columns, turns, width, periodic=periodic)
+        read = None if measured is None else np.ascontiguousarray(np.transpose(measured), dtype=float)
+        return cls.turning(columns, turns, width, periodic=periodic, measured=read)
 
     @classmethod
-    def turning(cls, load: Array, turns: Sequence[TurningPoints], width: Array, *, periodic: bool) -> PlayResponse:
-        """`of` a load (p, n) whose turning points are known, one entry a channel."""
+    def turning(
+        cls,
+        load: Array,
+        turns: Sequence[TurningPoints],
+        width: Array,
+        *,
+        periodic: bool,
+        measured: Array | None = None,
+    ) -> PlayResponse:
+        """`of` a load (p, n) whose turning points are known, one entry a channel, and its `measured` readings."""
         if np.any(np.asarray(width) < 0):
             raise InputError(what=f"the half-width {np.min(width):g} is negative", where="play", remedy="make it >= 0")
-        each = zip(load, turns, map(float, width), strict=True)
+        read = [None] * len(load) if measured is None else measured
+        each = zip(load, turns, map(float, width), read, strict=True)
         return cls(tuple(ChannelPlay.of(*channel, periodic) for channel in each))
 
     @property
@@ -183,11 +196,16 @@ class PlayResponse:
 
     @property
     def by_width(self) -> Array:
-        """Derivative of each reading in its half-width, (n, p): -1 pushed up, +1 pushed down, 0 not pushed yet.
+        """Derivative of each reading in its half-width, (n, p): -1 pushed up, +1 pushed down, 0 not pushed.
 
         At width 0 it is the one-sided derivative for increasing width, opposite to the direction of the load.
         """
         return np.stack([play.side for play in self.channels], axis=1)
+
+    @property
+    def measured(self) -> NDArray[np.bool_]:
+        """The readings (n, p) that are those measured at the start."""
+        return np.stack([(play.source < 0) & play.is_measured for play in self.channels], axis=1)
 
     def through(self, series: Array) -> Array:
         """Directional derivative of the reading for a change of the load (n, p, ...), widths constant."""
@@ -199,10 +217,14 @@ class PlayResponse:
 
 @dataclass(frozen=True, eq=False)
 class PlayedRecord:
-    """The play operator along a record: one response for each separate run, or one where repeats are continuous."""
+    """The play operator along a record: one response for each separate run, or one where repeats are continuous.
+
+    `begun` is that of a record in steady state from the measured state that it begins in; None of others.
+    """
 
     record: MotionRecord
     runs: tuple[PlayResponse, ...]
+    begun: PlayedRecord | None = None
 
     @classmethod
     def of(cls, load: Array, record: MotionRecord) -> PlayedRecord:
@@ -211,8 +233,20 @@ class PlayedRecord:
         periodic, smooth = record.clock.periodic, record.dt is not None
         several = np.stack([run.T for run in record.runs(load)])
         turns = _turning_points(several.tobytes(), several.shape, periodic, smooth)
-        runs = zip(several, turns, strict=True)
-        return cls(record, tuple(PlayResponse.turning(*run, width, periodic=periodic) for run in runs))
+        measured = None
+        if record.measured is not None:
+            bias = record.vectors("bias").value(record.signals, record.theta, len(load))
+            measured = np.ascontiguousarray((record.measured[: len(load)] - bias).T)
+        of_run = None if periodic else measured
+        runs = tuple(
+            PlayResponse.turning(*run, width, periodic=periodic, measured=of_run)
+            for run in zip(several, turns, strict=True)
+        )
+        if not periodic or measured is None:
+            return cls(record, runs)
+        turning = TurningPoints.of_each(several[0], periodic=False, smooth=smooth)
+        begun = PlayResponse.turning(several[0], turning, width, periodic=False, measured=measured)
+        return cls(record, runs, cls(record, (begun,)))
 
     @property
     def reading(self) -> Array:
@@ -225,10 +259,16 @@ class PlayedRecord:
         return np.concatenate([run.through(piece) for run, piece in pieces])
 
     def total_derivative(self, derivative: Array) -> Array:
-        """dP/dx dx + dP/dw dw (n, p, k), for the derivative dx of the load."""
+        """dP/dx dx + dP/dw dw (n, p, k), for the derivative dx of the load.
+
+        A reading that is the measured one until the load pushes depends on no parameter, with its bias.
+        """
         if not derivative.shape[2]:
             return derivative
         total = self.through(derivative)
+        if (measured := np.concatenate([run.measured for run in self.runs])).any():
+            _, bias = self.record.vectors("bias").tangent(self.record.signals, self.record.theta, len(total))
+            total[measured] = -bias[measured]
         by_width, widths = np.concatenate([run.by_width for run in self.runs]), self.record.constant("play")[1]
         columns = np.flatnonzero(widths.any(axis=0))  # the few parameters that the widths depend on
         total[:, :, columns] += by_width[:, :, None] * widths[:, columns]
@@ -253,17 +293,21 @@ class ChannelPlay:
     reading  (n,)
     side     (n,), +1 where it is w above the load of its source, -1 below, 0 not pushed yet
     source   (n,), index of the last active turning point; K for the load of the same sample, -1 not pushed yet
+    is_measured  whether the reading that is not pushed yet is the measured one, whatever the load
     """
 
     reading: Array
     side: Array
     source: Indices
     turns: TurningPoints
+    is_measured: bool = False
 
     @classmethod
-    def of(cls, load: Array, turns: TurningPoints, width: float, periodic: bool) -> ChannelPlay:
-        """The play on a load (n,) with its turning points."""
-        states = _PlayStates.along(turns, width, load[0])
+    def of(cls, load: Array, turns: TurningPoints, width: float, measured: Array | None, periodic: bool) -> ChannelPlay:
+        """The play on a load (n,) with its turning points, and readings (n,) where they were measured."""
+        offset = 0.0 if measured is None else initial_offset(load, measured, width)
+        inside = measured is not None and abs(offset) < width
+        states = _PlayStates.along(turns, width, load[0] + offset, 0.0 if inside else float(np.sign(offset)))
         if periodic:
             states = _PlayStates.along(turns, width, states.reading[-1], states.side[-1], states.source[-1])
         branch = turns.branch
@@ -276,12 +320,13 @@ class ChannelPlay:
             side=np.where(pushed, -upwards, states.side[branch]),
             source=np.where(pushed, len(turns.place), states.source[branch]),
             turns=turns,
+            is_measured=inside,
         )
 
     def through(self, series: Array) -> Array:
         """Directional derivative of the reading for a change (n, ...) of the load, by each sample's source."""
         changed = series.copy()
-        changed[self.source < 0] = series[0]
+        changed[self.source < 0] = 0.0 if self.is_measured else series[0]
         held = np.flatnonzero((self.source >= 0) & (self.source < len(self.turns.place)))
         used, place = np.unique(self.source[held], return_inverse=True)
         weights = self.turns.weights[used]
@@ -290,6 +335,21 @@ class ChannelPlay:
         tops = sum((weights[:, m] * series[self.turns.samples[used, m]] for m in columns), np.zeros(()))
         changed[held] = tops[place]
         return changed
+
+
+def initial_offset(load: Array, measured: Array, width: float) -> float:
+    """By how much the reading of a play of a half-width is off a load (n,) at first, from those measured (n,).
+
+    What came before the record is unknown, and the reading is anywhere within the play of the load. It is the mean of
+    those measured until the load pushes, weighted by how far it is from that, so that it changes steadily with width
+    and load.
+    """
+    offset = np.clip(measured[0] - load[0], -width, width)
+    weight = width - np.abs(load - load[0] - offset)
+    weight[np.logical_or.accumulate(weight <= 0)] = 0.0
+    if weight[0] > 0:
+        offset = np.clip(weight @ measured / weight.sum() - load[0], -width, width)
+    return float(offset)
 
 
 @dataclass(frozen=True, eq=False)

@@ -90,12 +90,50 @@ def tip_distances(domain: SearchDomain) -> list[float]:
 # Viscous, quadratic and Coulomb friction on the tool.
 
 
-SMOOTHING_RATE = 1e-3
-"""Angular velocity (rad/s) below which Coulomb friction is smoothed."""
-SLIDING_SPEED = 1e-3
-"""Speed (m/s) below which dry friction against the translation is smoothed: that of a point 1 m from the axis of a
-rotation of `SMOOTHING_RATE`, and above the noise of a velocity at rest, whose sign means nothing.
-"""
+NARROW = 1e-3
+"""Speed (rad/s or m/s) over which dry friction changes its sign where no other is estimated: above the noise of a
+velocity at rest, whose sign means nothing, and passed within a sample by most motions."""
+START_WIDTH = 1e-2
+"""Width that its search begins at: a narrow one has no derivative where the motion passes it within a sample."""
+WIDEST = 1.0
+"""Width (rad/s or m/s) above which the friction of most motions is a viscous drag."""
+
+
+@dataclass(frozen=True)
+class DryFriction(Effect):
+    """Friction of constant size against a velocity, whose sign changes over a width: tanh(speed / width).
+
+    With `narrow`, the width is fixed at 0.001. A diagnosis searches with that, as few samples tell more, and frees the
+    width where they do.
+    """
+
+    narrow: bool = False
+
+    def width(self, unit: str) -> Parameter:
+        """The speed at which it has three quarters of its size."""
+        return Parameter(
+            name="width",
+            unit=unit,
+            meaning="speed beside a reversal at which it has three quarters of its size",
+            nominal=NARROW,
+            bounds=(NARROW, NARROW if self.narrow else WIDEST),
+            role=Role.SHAPE,
+            start=None if self.narrow else START_WIDTH,
+        )
+
+    def restricted(self, space: Space) -> Self:
+        """The effect with the narrow step, at a point on the tip axis if it has one."""
+        return replace(super().restricted(space), narrow=True)
+
+    def unrestricted(self, space: Space) -> Self:
+        """The effect of any width, at any point."""
+        return replace(super().unrestricted(space), narrow=False)
+
+
+def friction_direction(velocity: sp.Matrix, width: sp.Expr) -> sp.Matrix:
+    """The velocity's direction times the share of the friction that acts at its size."""
+    speed = sp.sqrt(velocity.dot(velocity) + SMOOTHING_SPEED**2)
+    return sp.tanh(speed / width) / speed * velocity
 
 
 def _drag(force: str) -> Sketch:
@@ -182,24 +220,24 @@ class QuadraticDrag(ViscousDrag):
 
 
 @dataclass(frozen=True)
-class CoulombFriction(Effect):
+class CoulombFriction(DryFriction):
     """A torque of constant magnitude against the rotation, T = -level omega/|omega|: a hose or cable rubs at the wrist.
 
-    level in N m is positive, omega is the tool's angular velocity in the world; |omega| is smoothed below 1e-3 rad/s,
-    the width of the step at a reversal.
+    level in N m is positive, omega is the tool's angular velocity in the world. The step at a reversal is
+    tanh(|omega| / width), width in rad/s.
     """
 
     id = "coulomb_friction"
     title = "Coulomb friction torque against the rotation"
     stage = Stage.TIP_BODY
-    equation = "T = -level omega / sqrt(omega² + (0.001 rad/s)²)"
+    equation = "T = -level tanh(|omega| / width) omega/|omega|"
     advice = "look for a hose or cable that rubs at the wrist; reverse slowly and fast: the step has the same height"
     confused_with = "sensor_hysteresis of the torque; viscous_drag, at nearly constant speed"
     shows = "A step in the torque wherever the rotation reverses, of the same height at any speed."
     provoked_by = (
         "Reverse slowly and fast in the same pose: a viscous torque changes with the speed, this one does not."
     )
-    amounts: ClassVar[Mapping[str, float]] = {"level": 0.05}
+    amounts: ClassVar[Mapping[str, float]] = {"level": 0.05, "width": 0.5}
     sketch = (
         Axes("angular velocity", "torque", centred=True),
         Line(((32, 40), (116, 40), (120, 112), (210, 112)), "accent"),
@@ -207,48 +245,47 @@ class CoulombFriction(Effect):
     )
 
     def parameters(self, space: Space) -> tuple[Parameter, ...]:
-        """level in N m."""
+        """level in N m, width in rad/s."""
         meaning = "size of the torque, whatever the angular velocity"
-        return (Parameter(name="level", unit="N m", meaning=meaning, bounds=(0.0, inf)),)
+        return (Parameter(name="level", unit="N m", meaning=meaning, bounds=(0.0, inf)), self.width("rad/s"))
 
     def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
         """Add the friction torque to the tool."""
-        omega = chain.motion.omega
-        direction = omega / sp.sqrt(omega.dot(omega) + SMOOTHING_RATE**2)
+        direction = friction_direction(chain.motion.omega, p["width"])
         return replace(chain, torque=chain.torque - p["level"] * direction)
 
 
 @dataclass(frozen=True)
-class TranslationalFriction(ViscousDrag):
+class TranslationalFriction(DryFriction, ViscousDrag):
     """A force of constant size against the velocity of a point of the tool, F = -level v/|v|: it rubs on something.
 
-    level in N is positive; |v| is smoothed below 1e-3 m/s, the width of the step at a reversal. The point r is at the
-    distance d (m) along the tip; in six axes it is (x, y, d) in the sensor frame. The torque about the sensor is r x F.
+    level in N is positive. The step at a reversal is tanh(|v| / width), width in m/s. The point r is at the distance d
+    (m) along the tip; in six axes it is (x, y, d) in the sensor frame. The torque about the sensor is r x F.
     """
 
     id = "translational_friction"
     title = "dry friction against the velocity of the tool"
-    equation = "F = -level v(r) / sqrt(v(r)² + (0.001 m/s)²)"
+    equation = "F = -level tanh(|v(r)| / width) v(r)/|v(r)|"
     advice = "look for what the tool, its hose or its cable slides on; run the same path slowly: the force stays"
     confused_with = "viscous_drag, at nearly constant speed; sensor_hysteresis, whose step follows the load"
     shows = "A force against the velocity, of the same size at any speed, with a step where the direction reverses."
     provoked_by = "The same path at half, normal and double speed: the residual keeps its size."
-    amounts: ClassVar[Mapping[str, float]] = {"level": 0.8, **POINT_AMOUNTS}
+    amounts: ClassVar[Mapping[str, float]] = {"level": 0.8, "width": 0.5, **POINT_AMOUNTS}
     sketch = _drag("level")
 
     def parameters(self, space: Space) -> tuple[Parameter, ...]:
-        """level in N, the point in m."""
+        """level in N, width in m/s, the point in m."""
         meaning = "size of the force, whatever the speed"
         return (
             Parameter(name="level", unit="N", meaning=meaning, bounds=(0.0, inf)),
+            self.width("m/s"),
             *self.point_parameters(space),
         )
 
     def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
         """Add the friction force to the tool."""
         point = point_of_application(chain, p)
-        velocity = velocity_of_point(chain, point)
-        direction = velocity / sp.sqrt(velocity.dot(velocity) + SLIDING_SPEED**2)
+        direction = friction_direction(velocity_of_point(chain, point), p["width"])
         return with_force(chain, -p["level"] * direction, point)
 
 

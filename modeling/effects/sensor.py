@@ -381,7 +381,8 @@ class SensorHysteresis(Effect):
 
     The reading y is constant while the load is within w of it, and is pushed along beyond: max(y, load - w) while the
     load rises, min(y, load + w) while it falls. A load of larger amplitude draws a loop of width 2 w. Nominal 0; to
-    first order it subtracts w in the direction of the load's change.
+    first order it subtracts w in the direction of the load's change. Of a recording in motion the play begins in the
+    state that its first readings show.
     """
 
     id = "sensor_hysteresis"

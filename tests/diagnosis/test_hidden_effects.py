@@ -24,6 +24,7 @@ from truewrench.simulated_rig import (
     Buoyancy,
     CentreOfMassOffset,
     ContactEvent,
+    CoulombFriction,
     GravityTilt,
     HiddenEffect,
     JointOffset,
@@ -99,6 +100,9 @@ FOUND = {
     "sensor_hysteresis": Hidden(
         PlanarRig(), SensorHysteresis(force=0.25, torque=0.01), {"fx": 0.25, "fy": 0.25, "tau": 0.01}
     ),
+    "sensor_hysteresis, begun off the load": Hidden(
+        PlanarRig(), SensorHysteresis(force=1.5, torque=0.06, start=-0.9), {"fx": 1.5, "fy": 1.5, "tau": 0.06}
+    ),
     "line_interference": Hidden(PlanarRig(), LineInterference(frequency=17.317), {"frequency": 17.317}),
     "contact_event": Hidden(PlanarRig(), ContactEvent(), {"fcx": 4.0, "fcy": 2.0, "tauc": 0.3}),
     "gravity_tilt, six axes": Hidden(
@@ -106,6 +110,10 @@ FOUND = {
     ),
     "translational_friction": Hidden(PlanarRig(), TranslationalFriction(level=0.4), {"level": 0.4, "d": 0.12}),
     "translational_friction, six axes": Hidden(SpatialRig(), TranslationalFriction(level=0.2), {"level": 0.2}),
+    "coulomb_friction": Hidden(PlanarRig(), CoulombFriction(level=0.05), {"level": 0.05}),
+    "coulomb_friction, wide": Hidden(
+        PlanarRig(), CoulombFriction(level=0.15, width=0.03), {"level": 0.15, "width": 0.03}
+    ),
     "base_force": Hidden(PlanarRig(), BaseForce(), {"force_x": 0.9, "force_y": -1.2, "d": 0.12}),
     "base_force, downwards": Hidden(
         SpatialRig(), BaseForce(force=(0.0, 0.0, -1.5)), {"force_x": 0.0, "force_y": 0.0, "force_z": -1.5, "d": 0.12}

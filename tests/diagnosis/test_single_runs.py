@@ -43,6 +43,7 @@ from truewrench.simulated_rig import (
     NoiseModel,
     PinkNoise,
     PlanarRig,
+    SensorHysteresis,
     SensorLag,
     SpatialRig,
     ViscousDrag,
@@ -95,6 +96,20 @@ def test_small_effect_is_named(seed: int) -> None:
     drag = result.fit.parameters["viscous_drag.c"]
     # 4 standard deviations, and half again for a noise that the residual itself had to give.
     assert abs(drag.value - SMALL.c) < 6 * drag.std
+
+
+@pytest.mark.long(seconds=8)
+@pytest.mark.parametrize("seed", [3200, 3201])
+def test_a_large_play_begins_anywhere(seed: int) -> None:
+    """Most of it would be taken for noise, in which other widths fit as well; the noise floor is then the sensor's."""
+    play = SensorHysteresis(force=1.5, torque=0.06, start=(-0.8, 0.6)[seed - 3200])
+    result = diagnose(planar(RIG), single_run(seed, play))
+    assert result.added == ("sensor_hysteresis",), str(result)
+    assert result.verdict is RecordVerdict.EXPLAINED
+    for channel, width in {"fx": 1.5, "fy": 1.5, "tau": 0.06}.items():
+        estimate = result.fit.parameters[f"sensor_hysteresis.{channel}"]
+        assert abs(estimate.value - width) < 6 * estimate.std, channel
+    np.testing.assert_allclose(result.fit.noise[0].floor, list(NOISE.values()), rtol=0.2)
 
 
 def slow_run(seed: int) -> Recording:

@@ -28,7 +28,7 @@ from tests.shared.rigs import RIG
 from truewrench.simulated_rig import PlanarRig, simulate
 
 DRAG = named("viscous_drag")
-TESTED = ScoreTest(DRAG, 1.0, 0.3, {}, {"viscous_drag.c": (0.1, 0.1)}, lambda _level: {"viscous_drag.c": 0.2})
+TESTED = ScoreTest(DRAG, 1.0, 0.3, {}, {"viscous_drag.c": (0.1, 0.1)}, lambda _level: ({"viscous_drag.c": 0.2}, {}))
 NOTHING = EffectEvidence(screening=TESTED, space=Space.PLANE)
 
 
@@ -70,7 +70,7 @@ EFFECT_CASES: dict[str, tuple[EffectEvidence, EffectVerdict, str]] = {
         "the recording has no position",
     ),
     "only beyond its physical range": (
-        screened(effect=named("sensor_lag"), limits=lambda _level: {"sensor_lag.time_constant": 10.1}),
+        screened(effect=named("sensor_lag"), limits=lambda _level: ({"sensor_lag.time_constant": 10.1}, {})),
         EffectVerdict.NOT_EXCITED,
         "time_constant is not excited: detectable only beyond its physical range",
     ),
@@ -346,11 +346,11 @@ def test_only_amounts_beyond_the_range_of_all_amplitudes_are_not_excited() -> No
     gains = named("sensor_gain")
     names = [p.name for p in gains.qualified(Space.PLANE)]
     far = dict.fromkeys(names, 1e9)
-    several = screened(effect=gains, limits=lambda _level: far)
+    several = screened(effect=gains, limits=lambda _level: (far, {}))
     assert len(names) > 1
     assert several.beyond_range == names[0].split(".", 1)[1]
-    assert screened(effect=gains, limits=lambda _level: {**far, names[-1]: 1e-6}).beyond_range is None
-    assert screened(limits=lambda _level: {}).beyond_range is None
+    assert screened(effect=gains, limits=lambda _level: ({**far, names[-1]: 1e-6}, {})).beyond_range is None
+    assert screened(limits=lambda _level: ({}, {})).beyond_range is None
 
 
 def test_the_first_rule_decides_and_a_list_without_one_is_an_error() -> None:

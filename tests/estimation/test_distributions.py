@@ -48,6 +48,16 @@ def test_noncentrality_of_f_gives_the_power(above: int, below: float) -> None:
     np.testing.assert_allclose(ncf.sf(limit, above, below, needed), 0.8, atol=0.015)
 
 
+@pytest.mark.parametrize("below", [10.0, 80.0])
+def test_noncentrality_stated_in_other_noise_gives_the_power(below: float) -> None:
+    """Against draws; their std is 0.1 % of power, the approximation's error 1 %."""
+    rng, draws, limit = np.random.default_rng(0), 100_000, f_isf(4e-4, 1, below)
+    needed = f_noncentrality(np.array([[limit]]), np.array([[1]]), np.array([below]), 0.8, in_other_noise=True)[0]
+    stated, tested = rng.chisquare(below, (2, draws)) / below
+    above = (rng.standard_normal(draws) + np.sqrt(needed * stated)) ** 2 > limit * tested
+    np.testing.assert_allclose(above.mean(), 0.8, atol=0.015)
+
+
 def test_tails_of_f_are_exact() -> None:
     np.testing.assert_allclose(f.sf(f_isf(1e-14, 3, 7.0), 3, 7.0), 1e-14, rtol=1e-9)
 

@@ -243,7 +243,7 @@ def test_viscous_drag_opposes_the_velocity_of_its_point() -> None:
 
 def test_coulomb_friction_keeps_its_size() -> None:
     torque = added(PLANAR, CoulombFriction(level=0.03))
-    np.testing.assert_allclose(np.abs(torque[:, 2]), 0.03, atol=EXACT)
+    np.testing.assert_allclose(np.abs(torque[:, 2]), 0.03, rtol=1e-6)  # at 8 widths of the step, and faster
     np.testing.assert_allclose(torque[:, :2], 0.0, atol=EXACT)
     assert set(np.sign(torque[:, 2])) == {-1.0, 1.0}
 

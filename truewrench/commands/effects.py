@@ -61,8 +61,10 @@ def description(effect: Effect) -> str:
         lines.append("Recording-specific: not carried over to another recording.")
     for space in effect.spaces:
         lines += ["", f"Parameters, {_sensors((space,))}:", *parameter_lines(effect.parameters(space))]
-        if fixed := [p.name for p in effect.restricted(space).parameters(space) if p.fixed]:
-            lines.append(f"  A diagnosis fixes {', '.join(fixed)} at 0, unless they are significant.")
+        fixed = (p for p in effect.restricted(space).parameters(space) if p.fixed)
+        for value, group in groupby(fixed, key=lambda p: p.nominal):
+            names = ", ".join(p.name for p in group)
+            lines.append(f"  A diagnosis fixes {names} at {value:g}, unless another value is significant.")
     lines += ["", f"Check on the rig: {effect.advice}."]
     if effect.confused_with:
         lines.append(f"Often confused with: {effect.confused_with}.")

@@ -33,7 +33,7 @@ from modeling.chain.effect import Effect
 from modeling.chain.model import QUARTER_TURNS, QuarterTurnRotation, WrenchModel
 from modeling.chain.sensor_axes import axes_data
 from modeling.effects import named
-from modeling.effects.loads import OFFSETS
+from modeling.effects.loads import OFFSETS, DryFriction
 from modeling.effects.sensor import SensorCrosstalk
 from modeling.errors import InputError, file_text, kind_of
 from modeling.formulas.custom_effect import CustomEffect
@@ -505,9 +505,9 @@ def _omitted(table: _Model, model: WrenchModel) -> dict[str, _Estimate]:
 def _effect(table: _Effect, model: _Model, space: Space) -> Effect:
     """Effect of that id with its options, each true or an integer from 1 to the number of parameters of the file.
 
-    A custom effect has its definition, whose formulas are parsed like those of an effects file. An effect at a point
-    whose x and y are not in the file is on the tip axis: it was written before these were estimated. A crosstalk leaks
-    by the elements that are in the file.
+    A custom effect has its definition, whose formulas are parsed like those of an effects file. An effect
+    whose x and y, or width, are not in the file has them fixed: it was written before these were estimated. A crosstalk
+    leaks by the elements that are in the file.
     """
     if table.definition is not None:
         custom = CustomEffect.from_data(table.definition, where=table.id[:40])
@@ -525,9 +525,11 @@ def _effect(table: _Effect, model: _Model, space: Space) -> Effect:
     if isinstance(configured, SensorCrosstalk):
         own = tuple(p.name for p in configured.parameters(space) if f"{table.id}.{p.name}" in model.parameters)
         return configured if len(own) == len(configured.parameters(space)) else replace(configured, leaks=own)
-    if not {f"{table.id}.{p.name}" for p in OFFSETS} & model.parameters.keys():
-        return configured.restricted(space)
-    return configured
+    point = {f"{table.id}.{p.name}" for p in OFFSETS} & model.parameters.keys()
+    read = configured if point else configured.restricted(space)
+    if isinstance(configured, DryFriction) and isinstance(read, DryFriction):
+        return replace(read, narrow=configured.narrow or f"{table.id}.width" not in model.parameters)
+    return read
 
 
 def _effect_data(effect: Effect) -> dict[str, Any]:

@@ -123,13 +123,17 @@ class EffectRow:
     more_sizes: tuple[FormattedQuantity, ...]
     detectable: tuple[FormattedQuantity, ...]
     more_detectable: tuple[FormattedQuantity, ...]
+    detectable_at: tuple[FormattedQuantity, ...]
 
 
 def effect_row(finding: Finding, space: Space, findings: Sequence[Finding] = ()) -> EffectRow:
     """Row of one effect; the other `findings` say how close those are that it is confusable with."""
     units = {p.name: p.unit for p in finding.effect.parameters(space)}
     sizes = quantities((name, e.value, e.shown_std, e.unit) for name, e in finding.parameters.items())
-    limits = [FormattedQuantity.of(n, v, units.get(n, ""), digits=2) for n, v in finding.detectable.items()]
+    limits, place = (
+        tuple(FormattedQuantity.of(n, v, units.get(n, ""), digits=2) for n, v in values.items())
+        for values in (finding.detectable, finding.detectable_at)
+    )
     return EffectRow(
         finding=finding,
         verdict=EFFECT_VERDICT_LABELS[finding.verdict],
@@ -142,8 +146,9 @@ def effect_row(finding: Finding, space: Space, findings: Sequence[Finding] = ())
         share=round(100 * min(1.0, max(0.0, finding.error_removed or 0.0)), 1),
         sizes=tuple(sizes[:MAX_SHOWN_PARAMETERS]),
         more_sizes=tuple(sizes[MAX_SHOWN_PARAMETERS:]),
-        detectable=tuple(limits[:MAX_SHOWN_PARAMETERS]),
-        more_detectable=tuple(limits[MAX_SHOWN_PARAMETERS:]),
+        detectable=limits[:MAX_SHOWN_PARAMETERS],
+        more_detectable=limits[MAX_SHOWN_PARAMETERS:],
+        detectable_at=place,
     )
 
 

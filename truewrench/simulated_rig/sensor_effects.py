@@ -166,7 +166,8 @@ class GainNonlinearity(SensorEffect):
 class SensorHysteresis(SensorEffect):
     """Play operator between load and reading, of half-width `force` (N) and `torque` (N m) in the channels.
 
-    The reading follows the load only when the load reaches an end of the play.
+    The reading follows the load only when the load reaches an end of the play. The record begins in the periodic state;
+    with a `start` from -1 to 1, as many half-widths off the load.
     """
 
     id = "sensor_hysteresis"
@@ -174,13 +175,15 @@ class SensorHysteresis(SensorEffect):
     has_memory = True
     force: float = 0.25
     torque: float = 0.01
+    start: float | None = None
 
     def through(self, signal: SensorSignal) -> SensorSignal:
         """Play operator over the preceding period, to its periodic state, then over the record."""
         width = signal.amounts(self.force, self.torque)
         settled = _play(signal.before, width, signal.before[0])
         before = _play(signal.before, width, settled[-1])
-        return replace(signal, before=before, record=_play(signal.record, width, before[-1]))
+        first = before[-1] if self.start is None else signal.record[0] + self.start * width
+        return replace(signal, before=before, record=_play(signal.record, width, first))
 
 
 @dataclass(frozen=True, kw_only=True)

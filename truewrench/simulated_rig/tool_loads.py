@@ -48,37 +48,49 @@ class QuadraticDrag(ToolLoad):
         return -self.c * speed * track.velocity, np.zeros_like(track.velocity)
 
 
+def _sliding(velocity: Array, width: float) -> Array:
+    """Direction of a velocity (n, 3), times the share of a dry friction that acts at its size."""
+    size = np.linalg.norm(velocity, axis=1, keepdims=True)
+    share = 1 - 2 / (1 + np.exp(np.minimum(2 * size / width, 700.0)))
+    return np.asarray(np.divide(velocity, size, out=np.zeros_like(velocity), where=size > 0) * share)
+
+
 @dataclass(frozen=True, kw_only=True)
 class CoulombFriction(ToolLoad):
-    """Friction of a hose at the wrist: a torque of size `level` (N m) against the tool's rotation in the world."""
+    """Friction of a hose at the wrist: a torque of size `level` (N m) against the tool's rotation in the world.
+
+    Its sign changes over `width` (rad/s).
+    """
 
     id = "coulomb_friction"
     needs_motion = True
     level: float = 0.03
+    width: float = 0.001
     d: float = 0.0
 
     def push(self, track: Track) -> tuple[Array, Array]:
         """Against the angular velocity; zero at rest."""
-        size = np.linalg.norm(track.spin, axis=1, keepdims=True)
-        direction = np.divide(track.spin, size, out=np.zeros_like(track.spin), where=size > 0)
-        return np.zeros_like(track.spin), -self.level * direction
+        return np.zeros_like(track.spin), -self.level * _sliding(track.spin, self.width)
 
 
 @dataclass(frozen=True, kw_only=True)
 class TranslationalFriction(ToolLoad):
-    """Dry friction of size `level` (N) against the velocity of the point (x, y, d), m."""
+    """Dry friction of size `level` (N) against the velocity of the point (x, y, d), m.
+
+    Its sign changes over `width` (m/s).
+    """
 
     id = "translational_friction"
     needs_motion = True
     level: float = 0.4
+    width: float = 0.001
     d: float = 0.12
     x: float = 0.0
     y: float = 0.0
 
     def push(self, track: Track) -> tuple[Array, Array]:
         """Against the velocity of the point; zero at rest."""
-        speed = np.linalg.norm(track.velocity, axis=1, keepdims=True)
-        direction = np.divide(track.velocity, speed, out=np.zeros_like(track.velocity), where=speed > 0)
+        direction = _sliding(track.velocity, self.width)
         return -self.level * direction, np.zeros_like(direction)
 
 

@@ -14,7 +14,7 @@ from estimation.least_squares.estimates import NOT_CONVERGED, Estimate
 from estimation.recordings.recording import Recording
 from modeling.chain.effect import Effect
 from modeling.noise import NoiseSource
-from modeling.number_format import as_sentence, estimate_text, format_percentage
+from modeling.number_format import as_sentence, estimate_text, format_number, format_percentage, format_unit
 from modeling.significance import LEVELS
 from truewrench.effect_description.effect_size import size_sentence
 from truewrench.text.tool_text import tool_lines
@@ -150,18 +150,24 @@ def given_sentences(diagnosis: Diagnosis) -> list[str]:
 def fixed_point_sentence(finding: Finding) -> str:
     """Which parameters of an added effect are fixed, and why; empty where none is.
 
-    The point is on the tip axis, as none beside it is significantly better; at rest a vertical force is weight.
+    The point is on the tip axis, as none beside it is significantly better, and a friction's step is narrow; at rest a
+    vertical force is weight.
     """
     fixed = [name for name, estimate in finding.parameters.items() if estimate.std == 0]
     if finding.verdict is not EffectVerdict.SUPPORTED or not fixed:
         return ""
     weight = [name for name in fixed if name.startswith("force")]
-    beside = [name for name in fixed if name not in weight]
-    sentences = []
+    steps = [estimate for name, estimate in finding.parameters.items() if name == "width" and name in fixed]
+    beside = [name for name in fixed if name not in (*weight, "width")]
+    sentences = [
+        f"width of {finding.effect.id} is fixed at {format_number(step.value)} {format_unit(step.unit)}:"
+        " a wider step is not significant."
+        for step in steps
+    ]
     if beside:
         names = f"{', '.join(beside[:-1])} and {beside[-1]}"
         insignificant = "a point beside the tip axis" + (", or a torque of its own," if len(beside) > 2 else "")
-        sentences = [f"{names} of {finding.effect.id} are fixed at 0: {insignificant} is not significant."]
+        sentences += [f"{names} of {finding.effect.id} are fixed at 0: {insignificant} is not significant."]
     if weight:
         sentences += [
             f"{weight[0]} of {finding.effect.id} is fixed at 0: poses at rest do not tell a vertical force from weight;"

@@ -50,7 +50,7 @@ def weakness(effect: Effect, study: Study) -> str:
 
 def _is_weak(effect: Effect, fit: Fit) -> bool:
     estimates = [e for n, e in fit.parameters.items() if n.startswith(f"{effect.id}.")]
-    return bool(estimates) and not any(abs(e.value) > LEVELS.nonzero * e.std for e in estimates)
+    return bool(estimates) and not any(abs(e.value) > LEVELS.nonzero * e.std > 0 for e in estimates)
 
 
 def _significant(effects: Sequence[Effect], fit: Fit) -> bool:

@@ -31,7 +31,7 @@ def test_a_nominally_infinite_amplitude_has_no_std() -> None:
     for p_value, text, size in ((1.0, "stiffness > 677 N·m/rad", np.nan), (1e-9, "stiffness = 2.4 N·m/rad", 2.43)):
         test = replace(
             score_test("tip_flexibility", 50.0, known, p_value),
-            limits=lambda _level: {"tip_flexibility.stiffness": 677.0},
+            limits=lambda _level: ({"tip_flexibility.stiffness": 677.0}, {}),
         )
         found = Suspects.of([test], Space.PLANE, None)
         assert found.table.rows[0][4] == text
@@ -43,7 +43,7 @@ def test_a_nominally_infinite_amplitude_has_no_std() -> None:
 def test_what_is_detectable_is_said_with_its_place() -> None:
     drag = replace(
         score_test("viscous_drag", 50.0, {"viscous_drag.c": (0.1, 0.01)}),
-        limits=lambda _level: {"viscous_drag.c": 0.0025}, start={"viscous_drag.c": 0.1, "viscous_drag.d": 0.12},
+        limits=lambda _level: ({"viscous_drag.c": 0.0025}, {"viscous_drag.d": 0.12}), start={"viscous_drag.d": 0.4},
     )  # fmt: skip
     assert Suspects.of([drag], Space.PLANE, None).table.rows[0][5] == "c 0.0025 N·s/m (at d 0.12 m)"
 

@@ -130,6 +130,23 @@ def test_derivatives_of_play(periodic: bool, smooth: bool) -> None:
     np.testing.assert_allclose(both[:, :, 1] + played.by_width * WIDTHS, played.reading, atol=1e-12)
 
 
+@pytest.mark.parametrize("smooth", [True, False])
+def test_play_begins_with_what_was_measured(smooth: bool) -> None:
+    """Anywhere within the play; the load has no say in it until it pushes. Readings beyond the play are none of it."""
+    series = load(400)
+    start = series[0] + WIDTHS * [0.5, -0.7, 0.2]
+    measured = pushed(series, WIDTHS, start)
+    played = PlayResponse.of(series, WIDTHS, periodic=False, smooth=smooth, measured=measured)
+    held = np.logical_and.accumulate(np.abs(series - start) <= WIDTHS)
+    np.testing.assert_allclose(played.reading[held], measured[held], atol=1e-14)
+    np.testing.assert_allclose(played.reading, measured, atol=0.01)  # turning points are between samples
+    assert not played.through(series)[held].any()
+    np.testing.assert_array_equal(played.measured, held)
+    beyond = PlayResponse.of(series, WIDTHS, periodic=False, smooth=False, measured=series + 2 * WIDTHS)
+    np.testing.assert_allclose(beyond.reading, pushed(series, WIDTHS, series[0] + WIDTHS), atol=1e-14)
+    assert not beyond.measured.any()
+
+
 def test_no_width_is_no_play() -> None:
     series = load(300)
     played = PlayResponse.of(series, np.zeros(3), periodic=True)

@@ -74,7 +74,7 @@ def derivative_is_that_of_the_reading(case: Case) -> None:
 # ------------------------------------------------------------------------------------------ recovery
 
 STD: Mapping[str, float] = {"N": 0.1, "N m": 0.005}
-NEAR: Mapping[str, float] = {"s": 2e-3, "m": 0.02, "Hz": 0.01, "N m s/rad": 0.02}
+NEAR: Mapping[str, float] = {"s": 2e-3, "m": 0.02, "Hz": 0.01, "N m s/rad": 0.02, "rad/s": 0.02, "m/s": 0.02}
 """How far from the truth a nuisance parameter is when its search ends, by its unit: some grid steps."""
 RECOVERED = 0.01
 """Standard deviations from the truth, ten times what a refit that has come to rest may be off."""

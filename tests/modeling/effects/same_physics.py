@@ -8,7 +8,6 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from estimation.model_response import model_response
 from estimation.recordings.reading import from_columns
@@ -39,6 +38,9 @@ STRONG: Mapping[str, simulated.HiddenEffect] = {
     "sensor_gain": simulated.SensorGain(errors=(("fy", 0.3),)),
     "sensor_crosstalk": simulated.SensorCrosstalk(leaks=(("fy", "fx", 0.2), ("fx", "fy", -0.1))),
     "gain_nonlinearity": simulated.GainNonlinearity(quadratic=0.01, cubic=1e-3),
+    "coulomb_friction": simulated.CoulombFriction(level=0.1, width=0.2),
+    "translational_friction": simulated.TranslationalFriction(level=0.8, width=0.2),
+    "sensor_hysteresis": simulated.SensorHysteresis(force=1.5, torque=0.06, start=0.7),
     "sensor_lag": simulated.SensorLag(time_constant=0.1),
     "time_delay": simulated.TimeDelay(delay=0.083),
     "tip_flexibility": simulated.TipFlexibility(stiffness=10.0, damping=0.1),
@@ -63,19 +65,11 @@ PREDICTED_TO: Mapping[str, float] = {
     "joint_elasticity": 0.06 * 0.06**COMPLIANCE_ITERATIONS,
     "sensor_hysteresis": 1e-5,
     "sensor_lag": 1e-5,
-    "coulomb_friction": 3e-6,
-    "translational_friction": 5e-6,
 }
 """Where one side approximates.
 joint_elasticity   the model seeks the deflection a stated number of times, each wrong by some 0.06 of the one before
 sensor_hysteresis  the simulator takes tops of the load at points 1 ms apart: (w h)²/8 of a load of 10 rad/s
-sensor_lag         it takes a lag's input as straight between them: (w h)²/12
-coulomb_friction   the model rounds off a reversal: 5e-5 of a friction that is a thirtieth of the largest torque
-translational_friction   the same, of one that is a twentieth"""
-SLOW = 0.1
-"""m/s: below, a friction that is rounded off at 1e-3 m/s is wrong by 5e-5 of itself and more."""
-ROUNDED_OFF = 0.1
-"""rad/s: below, friction that is rounded off at 1e-3 rad/s is wrong by 5e-5 of itself and more."""
+sensor_lag         it takes a lag's input as straight between them: (w h)²/12"""
 PASSED_OVER = 0.3
 """N m of static torque: above, tanh(T / 0.02 N m) is 1 on both sides of the play, which moves T by 0.2 N m."""
 OWN_SHAPE = ("bias_drift",)
@@ -237,7 +231,7 @@ def true_parameters(found: Simulated) -> Array:
 
 
 def comparable(found: Simulated) -> NDArray[np.bool_]:
-    """The samples (n,) at which the rig and the model mean the same: off the edges of events, of reversals, of play."""
+    """The samples (n,) at which the rig and the model mean the same: off the edges of events and of play."""
     recording, hidden = found.recording, found.hidden
     assert recording.time is not None
     edges: tuple[float | None, ...] = ()
@@ -247,26 +241,9 @@ def comparable(found: Simulated) -> NDArray[np.bool_]:
         edges = (hidden.time,)
     away = np.abs(recording.time[:, None] - np.array(edges, dtype=float)) > simulated.CONTACT_EDGE
     kept = away.all(axis=1)
-    if isinstance(hidden, simulated.CoulombFriction):
-        names = ("dphi",) if found.case.space is Space.PLANE else ("wx", "wy", "wz")
-        turning = np.linalg.norm([recording.signals[name] for name in names], axis=0)
-        kept &= turning > ROUNDED_OFF
-    if isinstance(hidden, simulated.TranslationalFriction):
-        velocity = np.gradient(point_in_world(found.case.space, recording, hidden), recording.time, axis=0)
-        kept &= np.linalg.norm(velocity, axis=1) > SLOW
     if isinstance(hidden, simulated.JointBacklash):
         states = tuple(np.stack([recording.signals[f"{d}q{j}"] for j in (1, 2, 3)], axis=1) for d in ("", "d", "dd"))
         torques = simulated.weight_torques(PLANAR_RIG.scene, (states[0], states[1], states[2]))[0]
         kept &= (np.abs(torques) > PASSED_OVER).all(axis=1)
     assert kept.mean() > 0.7
     return np.asarray(kept)
-
-
-def point_in_world(space: Space, recording: Recording, load: simulated.ToolLoad) -> Array:
-    """The point of application (n, 2 or 3), m, by the recording's own motion."""
-    signals = recording.signals
-    origin = np.stack([signals[f"p{axis}"] for axis in space.axes], axis=1)
-    if space is Space.PLANE:
-        return np.asarray(origin + load.d * np.stack([np.sin(signals["phi"]), np.cos(signals["phi"])], axis=1))
-    turn = Rotation.from_quat(np.stack([signals[f"q{axis}"] for axis in "xyzw"], axis=1))
-    return np.asarray(origin + turn.apply((load.x, load.y, load.d)))

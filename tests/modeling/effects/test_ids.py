@@ -25,7 +25,7 @@ AGREED: Mapping[str, Mapping[str, str]] = {
     "sensor_rotation": {"angle": "rad"},
     "viscous_drag": {"c": "N s/m", "d": "m"},
     "quadratic_drag": {"c": "N s²/m²", "d": "m"},
-    "coulomb_friction": {"level": "N m"},
+    "coulomb_friction": {"level": "N m", "width": "rad/s"},
     "cable_spring": {"k": "N/m", "anchor_x": "m", "anchor_y": "m", "length": "m", "d": "m"},
     "tip_flexibility": {"stiffness": "N m/rad", "damping": "N m s/rad"},
     "payload_change": {"mass": "kg", "d": "m", "time": "s"},

@@ -36,9 +36,9 @@ SIGNAL_UNITS: Mapping[str, str] = (
     | dict.fromkeys(("ax", "ay", "apx", "apy", "apz"), "m/s²")
     | {"time": "s", "temperature": "K"}
 )
-OWN_CONSTANTS = 1e-5
-"""Constants of the project's own are not converted: what rounds off a reversal at 1e-3 rad/s shows in 1e-6 at 1 rad/s,
-1e-6 m and 1e-6 m/s in less. Temperatures count from 20 °C, and times keep off the edges."""
+OWN_CONSTANTS = 1e-6
+"""Constants of the project's own are not converted: 1e-6 m and 1e-6 m/s, which round off speeds and distances, show in
+less. Temperatures count from 20 °C, and times keep off the edges."""
 
 
 def units_are_consistent(case: Case) -> None:
