@@ -170,7 +170,7 @@ def base_turned(told: Told) -> Told:
 
 def continuous(quaternions: Array) -> Array:
     flips = np.where(np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0, -1.0, 1.0)
-    return quaternions * np.concatenate([[1.0], np.cumprod(flips)])[:, None]
+    return np.asarray(quaternions * np.concatenate([[1.0], np.cumprod(flips)])[:, None])
 
 
 def planar_base_turned(told: Told) -> Told:
