@@ -65,7 +65,8 @@ def _by_channel(noise: RecordingNoise, residual: Array) -> RecordingNoise:
     means = block_means(residual, whitener.noise.block)
     size = np.sqrt((residual**2).mean(axis=0)) if noise.beside_pose else _upper_noise(means)
     white = replace(NoiseModel.white(np.maximum(size, SMALLEST_SIZE)), block=whitener.noise.block)
-    plain = replace(whitener, noise=white)
+    weights = None if noise.motion is None else noise.motion.steady_weights(noise.floor, white.block)
+    plain = replace(whitener, noise=white, weights=weights)
     return replace(noise, whitener=plain, log_power_variance=np.full(plain.rows, noise.log_power_variance.mean()))
 
 

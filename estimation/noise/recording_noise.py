@@ -29,6 +29,8 @@ NEGLIGIBLE = 0.99
 """Of a weight: a smaller change changes no estimate."""
 WINDOW = 5
 """Samples over which the variance of a few draws is averaged."""
+USUAL = 4.0
+"""Times its median, up to which a variance is usual: that of four draws varies by less in all but a sample in 100."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -68,8 +70,8 @@ class MotionNoise:
 
     @property
     def is_usual(self) -> NDArray[np.bool_]:
-        """Where (n,) no channel's variance is more than four times its median."""
-        return np.asarray(np.all(self.variance <= 4 * np.median(self.variance, axis=0), axis=1))
+        """Where (n,) no channel's variance is more than `USUAL` times its median."""
+        return np.asarray(np.all(self.variance <= USUAL * np.median(self.variance, axis=0), axis=1))
 
     def weights(self, floor: Array, block: int) -> Array | None:
         """Factor (blocks,) of whitened rows where the motion is less certain than usual; None where it is nowhere.
@@ -77,10 +79,22 @@ class MotionNoise:
         `floor` (p,) is the std of one sample of all other noise with the usual noise of the motion. An error that
         lasts for L samples counts L times its variance: as much as white noise of the same low-frequency power.
         """
-        variance = self.variance
-        excess = np.maximum(variance - np.median(variance, axis=0), 0.0) * self.correlation_length
+        return self._weights(floor**2, np.median(self.variance, axis=0), block)
+
+    def steady_weights(self, floor: Array, block: int) -> Array | None:
+        """Those of an estimate, which must not depend on the draws: only what is more than `USUAL` counts.
+
+        The floor is no smaller then than the usual noise of the motion: a parameter that the run does not show (an
+        inertia of -6 kg m²) makes of the noise of an acceleration a hundred times the residual, and by `weights` half
+        of the rows are left out by lot.
+        """
+        usual = np.median(self.variance, axis=0)
+        return self._weights(np.maximum(floor**2, usual), USUAL * usual, block)
+
+    def _weights(self, power: Array, usual: Array, block: int) -> Array | None:
+        excess = np.maximum(self.variance - usual, 0.0) * self.correlation_length
         blocks = excess[: len(excess) // block * block].reshape(-1, block, excess.shape[1]).mean(axis=1)
-        weights: Array = np.sqrt(1 / (1 + np.max(blocks / floor**2, axis=1)))
+        weights: Array = np.sqrt(1 / (1 + np.max(blocks / power, axis=1)))
         return weights if weights.min() < NEGLIGIBLE else None
 
 

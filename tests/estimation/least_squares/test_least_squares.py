@@ -1,4 +1,4 @@
-"""Least squares on the certified data of NIST's StRD, against exact rational arithmetic, and on columns without rank.
+"""Least squares on NIST's certified linear data (StRD), against exact rational arithmetic, and on columns without rank.
 
 Digits are -log10 of the relative error, the smallest over the coefficients; of a standard deviation that is certified
 as 0, relative to its estimate.
@@ -20,11 +20,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from estimation.least_squares.levenberg_marquardt import (
-    LeastSquaresMinimum,
-    levenberg_marquardt,
-    levenberg_marquardt_step,
-)
+from estimation.least_squares.levenberg_marquardt import levenberg_marquardt, levenberg_marquardt_step
 from estimation.least_squares.square_root_information import (
     EPS,
     SquareRootInformation,
@@ -287,100 +283,6 @@ def test_scaling_of_the_columns_does_not_matter() -> None:
     (plain, plain_svd, _), (scaled, scaled_svd, _) = solved(columns, target), solved(columns * units, target)
     assert scaled_svd.condition == pytest.approx(plain_svd.condition, rel=1e-10)
     np.testing.assert_allclose(scaled * units, plain, rtol=1e-10)
-
-
-# ------------------------------------------------------------------------------- nonlinear sets, from both starts
-
-NONLINEAR = tomllib.loads((NIST / "nonlinear.toml").read_text(encoding="utf-8"))
-Curve = Callable[[Array, Array], Array]
-
-
-def _lanczos(b: Array, x: Array) -> Array:
-    return np.asarray(sum(b[i] * np.exp(-b[i + 1] * x) for i in (0, 2, 4)))
-
-
-def _enso(b: Array, x: Array) -> Array:
-    turns = [2 * np.pi * x / period for period in (12, b[3], b[6])]
-    parts = [b[i] * np.cos(t) + b[i + 1] * np.sin(t) for i, t in zip((1, 4, 7), turns, strict=True)]
-    return np.asarray(b[0] + sum(parts))
-
-
-CURVES: Mapping[str, Curve] = {
-    "misra1a": lambda b, x: b[0] * (1 - np.exp(-b[1] * x)),
-    "misra1b": lambda b, x: b[0] * (1 - (1 + b[1] * x / 2) ** -2),
-    "misra1c": lambda b, x: b[0] * (1 - (1 + 2 * b[1] * x) ** -0.5),
-    "misra1d": lambda b, x: b[0] * b[1] * x / (1 + b[1] * x),
-    "danwood": lambda b, x: b[0] * x ** b[1],
-    "boxbod": lambda b, x: b[0] * (1 - np.exp(-b[1] * x)),
-    "chwirut2": lambda b, x: np.exp(-b[0] * x) / (b[1] + b[2] * x),
-    "eckerle4": lambda b, x: b[0] / b[1] * np.exp(-(((x - b[2]) / b[1]) ** 2) / 2),
-    "enso": _enso,
-    "lanczos2": _lanczos,
-    "lanczos3": _lanczos,
-    "mgh09": lambda b, x: b[0] * (x**2 + x * b[1]) / (x**2 + x * b[2] + b[3]),
-    "mgh10": lambda b, x: b[0] * np.exp(b[1] / (x + b[2])),
-    "mgh17": lambda b, x: b[0] + b[1] * np.exp(-x * b[3]) + b[2] * np.exp(-x * b[4]),
-    "rat42": lambda b, x: b[0] / (1 + np.exp(b[1] - b[2] * x)),
-    "rat43": lambda b, x: b[0] / (1 + np.exp(b[1] - b[2] * x)) ** (1 / b[3]),
-    "roszman1": lambda b, x: b[0] - b[1] * x - np.arctan(b[2] / (x - b[3])) / np.pi,
-    "thurber": lambda b, x: np.polyval(b[3::-1], x) / (1 + x * np.polyval(b[:3:-1], x)),
-}
-FINE = 1e-5
-"""Of the residual: a noise with which a hundredth of a std, where a fit has converged, is the sixth digit or less."""
-SETTLED = 1e-3
-"""Of chi-square, above the certified minimum: ten times what the last step may gain, for steps that follow it."""
-
-
-def refitted(name: str, start: int, share: float) -> tuple[LeastSquaresMinimum, float]:
-    """The minimum from one of the two starts, with a noise of this share of the residual, and the certified cost.
-
-    Derivatives by a complex step, exact to rounding; steps without gain are tried by the chi-square alone.
-    """
-    facts, curve = NONLINEAR[name], CURVES[name]
-    x, y, begin = (np.array(values, dtype=np.float64) for values in (facts["x"], facts["y"], facts["starts"][start]))
-    noise = share * np.sqrt(facts["sum_of_squares"] / (len(y) - len(begin)))
-    steps = 1e-30j * np.eye(len(begin))
-
-    def residual(b: Array) -> Array:
-        return np.asarray((y - curve(b, x)) / noise)
-
-    def information(b: Array) -> SquareRootInformation:
-        columns = np.column_stack([curve(b + step, x).imag / 1e-30 for step in steps])
-        if not np.isfinite(columns).all():
-            raise np.linalg.LinAlgError("no prediction")
-        return SquareRootInformation.of(columns / noise, residual(b))
-
-    def chi_square(b: Array) -> float:
-        return float(residual(b) @ residual(b))
-
-    free = np.full(len(begin), np.inf)
-    with np.errstate(all="ignore"):  # what overflows has no prediction
-        found = levenberg_marquardt(information, begin, (-free, free), chi_square=chi_square)
-    return found, facts["sum_of_squares"] / noise**2
-
-
-def test_certified_curves_are_those_of_the_data_typed_in() -> None:
-    """The certified sum of squares, of eleven digits, at the certified estimate, which is rounded too."""
-    for name, facts in NONLINEAR.items():
-        x, y, estimate = (np.array(facts[key], dtype=np.float64) for key in ("x", "y", "estimate"))
-        found = float(np.sum((y - CURVES[name](estimate, x)) ** 2))
-        assert found == pytest.approx(facts["sum_of_squares"], rel=1e-9)
-
-
-@pytest.mark.parametrize("start", [0, 1])
-@pytest.mark.parametrize("name", CURVES)
-def test_a_fit_has_converged_only_where_it_has(name: str, start: int) -> None:
-    """Six digits, or it says that it has not converged or what is not identifiable.
-
-    Eckerle's first start, where the peak is outside the data, once ended at 340 times the least sum of squares.
-    """
-    for share in (1.0, FINE):
-        found, least = refitted(name, start, share)
-        if found.converged and found.identifiable.all():
-            right = digits(found.theta, np.array(NONLINEAR[name]["estimate"]))
-            assert found.cost - least < SETTLED if share == 1.0 else right > 6
-        if start == 1 and share == 1.0 and name != "mgh10":  # 40 steps are not enough for its valley
-            assert found.converged
 
 
 # ------------------------------------------------------------------------------- square-root information adds
