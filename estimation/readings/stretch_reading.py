@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from estimation.reading.recording_check import stops
 from estimation.readings.doubted_reading import DoubtedReading
-from estimation.readings.rigid_tool import MEDIAN_SQUARE, THIRD
+from estimation.readings.rigid_tool import MEDIAN_SQUARE, SMALLEST_STD, THIRD
 from estimation.readings.static_dwells import beyond_linear, linear_features, tool_load
 from estimation.recordings.recording import Recording
 from modeling.chain.model import ALIGNED_MOUNTING, WrenchModel
@@ -32,15 +32,28 @@ MOVED_SHARE = 0.1
 """Of the channel's own std elsewhere: a channel is no reading within a dead band, which is smaller."""
 BESIDE = 5
 """Rows on either side that a step is judged by: enough for a mean and a slope."""
-SMEARED = (1, 4)
-"""Rows on either side that a step may be smeared over, by a resampling and by a sensor's filter."""
+SMEARED = (0, 1, 4, 16)
+"""Rows on either side that a step may be smeared over, by a resampling or by a sensor's filter."""
+SMEAR = 0.2
+"""Of a step, what is left of it beside the rows that it is smeared over."""
+SMEAR_STD = 3.0
+"""Std of a sample that is none of that."""
+AVERAGED = 10
+"""Rows on either side of a re-zero of which one was taken for zero: a mean of those before it, while a robot moves."""
+REACH = 40
+"""Rows on either side of where the whole run shows a step, among which it is."""
+STEP_SHARE = 0.05
+"""Of the mean square that a rigid tool leaves, the least that a step of the biases explains: the first of two as large
+explains more."""
+LEAST_OWN = 1.0
+"""Rows by which a step differs from what the tool reads, below which it is none."""
 COINCIDENCE = 1e-3
 """Probability that a step which is no re-zero ends as near to zero in all channels as it does, if it might as well have
 ended anywhere up to where it began: a push or a payload is free to, a re-zero is not."""
 AS_STEP = 0.3
 """Of a step, the most by which the change of the biases that the rest of the run shows may differ from it: a push that
 ends changes them by its share of the run, another pose not at all."""
-RIVAL = 2.0
+RIVAL = 1.5
 """Mean square that another tool, or a push that begins or ends there, leaves over what another bias does, at least: a
 load that is picked up turns with the tool."""
 RIVAL_ENDS = 40
@@ -124,18 +137,15 @@ def without_bad_stretches(
 def _stretches_of(recording: Recording, base: WrenchModel) -> _Stretches | None:
     if recording.at_rest or recording.samples < 2 * LEAST_ROWS:
         return None
-    kept = [[(a, b) for a, b in stops(column) if np.ptp(column) > 0] for column in recording.wrench.T]
-    steps = list(_steps_to_zero(recording.wrench))
-    if not any(kept) and not steps:
+    kept = [[] if np.ptp(column) == 0 else stops(column) for column in recording.wrench.T]
+    run = _Run.of(recording, base, kept)
+    steps = run.steps() if run is not None else []
+    if run is None or not (any(kept) or steps):
         return None
-    rows = np.arange(0, recording.samples, -(-recording.samples // MOST_ROWS))
-    features = np.column_stack([linear_features(tool_load(recording, base, rows)), np.ones(len(rows))])
-    stopped = dict(_frozen(recording, kept, rows, features))
-    found = _Stretches(recording, stopped)
-    usable = found._usable[rows]
-    found = replace(found, zeroed=_zeroed(recording, steps, rows[usable], features[usable]))
-    whole = found.stopped or found.zeroed
-    return found if whole and found.pieces != (recording,) else None
+    doubted = _Stretches(recording, dict(run.frozen(kept, steps)))
+    usable = doubted._usable[run.rows]
+    doubted = replace(doubted, zeroed=replace(run, kept=run.kept & usable).zeroed(steps))
+    return doubted if (doubted.stopped or doubted.zeroed) and doubted.pieces != (recording,) else None
 
 
 def _runs(mask: Mask) -> list[tuple[int, int]]:
@@ -156,31 +166,183 @@ def _piece(recording: Recording, first: int, last: int, repeats: int) -> tuple[R
     return replace(moved, wrench=recording.wrench[first:last], whole=None), first * recording.dt, last * recording.dt
 
 
-# A channel that is frozen: it keeps exactly one value while the motion, and what the other rows show, would move it.
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """A step of the biases of a run.
+
+    row, beside  the first row after it, and the rows on either side that it is smeared over
+    size         (p,), by the readings beside it
+    chance       that it ends as near to zero as it does
+    """
+
+    row: int
+    beside: int
+    size: Array
+    chance: float
 
 
-def _frozen(
-    recording: Recording, kept: Sequence[Sequence[tuple[int, int]]], rows: NDArray[np.int64], features: Array
-) -> Iterator[tuple[str, list[tuple[int, int, float]]]]:
-    """Channels with the rows (first, last) among those `kept` in which they are frozen, and their expected std."""
-    for channel, column, stretches in zip(recording.channels, recording.wrench.T, kept, strict=True):
-        inside = [(rows >= first) & (rows < last) for first, last in stretches]
-        outside = ~np.any([*inside, rows < 0], axis=0)
-        if outside.sum() < 2 * features.shape[1] or not stretches:
-            continue
-        coefficients = np.linalg.lstsq(features[outside], column[rows[outside]], rcond=None)[0]
-        expected = features @ coefficients
-        std = float(np.std((column[rows] - expected)[outside]))
-        least = max(MOVED * std, MOVED_SHARE * float(np.std(column[rows[outside]])))
-        frozen = []
-        for (first, last), within in zip(stretches, inside, strict=True):
-            value, moved = column[first], float(np.std(expected[within])) if within.any() else 0.0
-            beyond = float(np.median(expected[within])) if within.any() else value
-            saturated = (value == column.max() and beyond > value) or (value == column.min() and beyond < value)
-            if moved > least and not saturated:
-                frozen.append((first, last, moved))
-        if frozen:
-            yield channel, frozen
+@dataclass(frozen=True, eq=False)
+class _Run:
+    """What a run is compared by, whatever the axes and signs of its sensor.
+
+    rows (r,), features (r, k) that a rigid tool's wrench is linear in, the last of them the bias; kept (r,) those that
+    are compared; noise (p,), std of a sample
+    """
+
+    recording: Recording
+    base: WrenchModel
+    rows: NDArray[np.int64]
+    features: Array
+    kept: Mask
+    noise: Array
+
+    @classmethod
+    def of(cls, recording: Recording, base: WrenchModel, kept: Sequence[Sequence[tuple[int, int]]]) -> _Run | None:
+        """Of a recording without the stretches in which a channel keeps its value; None of too few rows."""
+        rows = np.arange(0, recording.samples, -(-recording.samples // MOST_ROWS))
+        features = _features(recording, base, rows)
+        stopped = [(rows >= a) & (rows < b) for each in kept for a, b in each]
+        usable = ~np.any([*stopped, rows < 0], axis=0)
+        if usable.sum() < 2 * features.shape[1]:
+            return None
+        third = np.median(np.abs(np.diff(recording.wrench, n=THIRD, axis=0)), axis=0)
+        noise = third / (MEDIAN_SQUARE * comb(2 * THIRD, THIRD)) ** 0.5
+        noise = np.maximum(noise, ROUNDING * np.abs(recording.wrench).max(axis=0) + SMALLEST_STD)
+        return cls(recording, base, rows, features, usable, noise)
+
+    @property
+    def wrench(self) -> Array:
+        """Readings (r, p)."""
+        return self.recording.wrench[self.rows]
+
+    def with_biases(self, steps: Sequence[_Step]) -> Array:
+        """The features with the biases that begin at steps, (r, k + s)."""
+        return np.column_stack([self.features, *((self.rows >= step.row).astype(float) for step in steps)])
+
+    # A channel that is frozen: it keeps exactly one value while the motion, and what the other rows show, would move it.
+
+    def frozen(
+        self, stretches_of: Sequence[Sequence[tuple[int, int]]], steps: Sequence[_Step]
+    ) -> Iterator[tuple[str, list[tuple[int, int, float]]]]:
+        """Channels with the stretches in which they are frozen, and the std that is expected of them there."""
+        features = self.with_biases(steps)
+        parts = zip(self.recording.channels, self.recording.wrench.T, stretches_of, strict=True)
+        for channel, column, stretches in parts:
+            inside = [(self.rows >= first) & (self.rows < last) for first, last in stretches]
+            outside = ~np.any([*inside, self.rows < 0], axis=0)
+            if outside.sum() < 2 * features.shape[1] or not stretches:
+                continue
+            read = column[self.rows]
+            expected = features @ np.linalg.lstsq(features[outside], read[outside], rcond=None)[0]
+            std = float(np.std((read - expected)[outside]))
+            least = max(MOVED * std, MOVED_SHARE * float(np.std(read[outside])))
+            judged = zip(stretches, (expected[within] for within in inside), strict=True)
+            frozen = [
+                (first, last, float(np.std(there)))
+                for (first, last), there in judged
+                if len(there) and np.std(there) > least and not _is_limit(column, float(column[first]), there)
+            ]
+            if frozen:
+                yield channel, frozen
+
+    # A re-zero: a step of all channels at once, to zero, that another bias from then on explains and nothing else does.
+
+    def steps(self) -> list[_Step]:
+        """Steps of the biases to zero, by what the whole run shows and by the readings beside each."""
+        steps: list[_Step] = []
+        features, wrench, rows = self.features[self.kept], self.wrench[self.kept], self.rows[self.kept]
+        for _ in range(MOST_STEPS):
+            basis = np.linalg.qr(features)[0]
+            left = wrench - basis @ (basis.T @ wrench)
+            std = np.maximum(left.std(axis=0), self.noise)
+            of_basis, of_left = (np.cumsum(each[::-1], axis=0)[::-1] for each in (basis, left / std))
+            own = np.arange(len(rows), 0, -1) - (of_basis**2).sum(axis=1)
+            gain = np.where(own > LEAST_OWN, (of_left**2).sum(axis=1) / np.maximum(own, LEAST_OWN), 0.0)
+            best = int(np.argmax(gain))
+            if gain[best] < STEP_SHARE * left.size:
+                break
+            features = np.column_stack([features, rows >= rows[best]])
+            step = self._beside(int(rows[best]))
+            steps += [] if step is None or any(abs(step.row - s.row) < 4 * BESIDE for s in steps) else [step]
+        return [step for step in steps if step.chance < COINCIDENCE]
+
+    def _beside(self, row: int) -> _Step | None:
+        """The step near a row, by the readings beside it; None where there is none that is sharp enough."""
+        rows = np.arange(max(row - REACH, 0), min(row + REACH, self.recording.samples))
+        biased = np.column_stack([self.features, self.rows >= row])[self.kept]
+        solution = np.linalg.lstsq(biased, self.wrench[self.kept], rcond=None)[0]
+        expected = _features(self.recording, self.base, rows) @ solution[:-1]
+        beyond = self.recording.wrench[rows] - expected
+        far = SMEARED[-1] + BESIDE
+        edges = np.arange(far, len(rows) - far)
+        if not len(edges):
+            return None
+        parts = [(beyond[:edge] / self.noise, beyond[edge:] / self.noise) for edge in edges]
+        spread = [sum(((each - np.median(each, axis=0)) ** 2).sum() for each in part) for part in parts]
+        edge = int(edges[int(np.argmin(spread))])
+        low, high = (beyond[i : i + BESIDE].mean(axis=0) for i in (edge - far, edge + far - BESIDE))
+        least = max(SMEAR * float(np.linalg.norm((high - low) / self.noise)), SMEAR_STD * len(low) ** 0.5)
+        for beside in SMEARED:
+            rest = (beyond[edge - beside - 1] - low) / self.noise, (beyond[edge + beside] - high) / self.noise
+            if max(map(np.linalg.norm, rest)) < least:
+                begins, ends = expected[edge - AVERAGED : edge + AVERAGED] + high, expected[edge] + low
+                ratio = (np.abs(begins) + self.noise) / np.maximum(np.abs(ends), self.noise)
+                chance = float(np.minimum(1.0, ratio).prod(axis=1).min())
+                return _Step(int(rows[edge]), beside, high - low, chance)
+        return None
+
+    def zeroed(self, steps: Sequence[_Step]) -> dict[int, int]:
+        """Rows of the steps that another bias explains, and no rival, with the rows beside that they are smeared over."""
+        steps = sorted(steps, key=lambda step: step.row)
+        kept, count = self.kept, self.features.shape[1]
+        while steps:
+            columns = self.with_biases(steps)[kept]
+            solution = np.linalg.lstsq(columns, self.wrench[kept], rcond=None)[0]
+            std = np.maximum((self.wrench[kept] - columns @ solution).std(axis=0), self.noise)
+            off = [
+                np.linalg.norm((change - step.size) / std) / np.linalg.norm(step.size / std)
+                for change, step in zip(solution[count:], steps, strict=True)
+            ]
+            worst = int(np.argmax(off))
+            if off[worst] <= AS_STEP:
+                rivalled = [n for n in range(len(steps)) if self._is_rivalled(std, columns, count + n)]
+                if not rivalled:
+                    break
+                worst = rivalled[0]
+            steps.pop(worst)
+        return {step.row: step.beside for step in steps}
+
+    def _is_rivalled(self, std: Array, columns: Array, number: int) -> bool:
+        """Whether another tool, or a push with an end there, explains about as much as the bias of that column does."""
+        shared, after, wrench = np.delete(columns, number, axis=1), columns[:, number], self.wrench[self.kept] / std
+        load = self.features[self.kept, :-1] * after[:, None]
+
+        def left(*others: Array) -> float:
+            return float((beyond_linear(wrench, np.column_stack([shared, *others])) ** 2).mean())
+
+        by_bias = left(after)
+        if left(load) < RIVAL * by_bias:
+            return True
+        row, edge = np.arange(len(after)), int(np.argmax(after))
+        ends = np.linspace(0, len(after), RIVAL_ENDS + 2)[1:-1].astype(int)
+        pushes = ((row >= min(edge, end)) & (row < max(edge, end)) for end in ends if end != edge)
+        return any(left(push.astype(float)) < by_bias for push in pushes)
+
+
+def _features(recording: Recording, base: WrenchModel, rows: NDArray[np.int64]) -> Array:
+    """What a rigid tool's wrench is linear in at some rows (r,), and a bias, (r, k)."""
+    return np.column_stack([linear_features(tool_load(recording, base, rows)), np.ones(len(rows))])
+
+
+def _is_limit(column: Array, value: float, expected: Array) -> bool:
+    """Whether a channel (n,) that keeps a value while others are expected (r,) is at its limit, or in a dead band."""
+    middle = float(np.median(expected))
+    if value == 0.0 and np.median(np.abs(expected)) < np.abs(column[column != 0.0]).min():
+        return True
+    return (value == column.max() and middle > value) or (value == column.min() and middle < value)
+
+
+# What is said of them.
 
 
 def _frozen_reading(every: Sequence[_Stretches]) -> Iterator[DoubtedReading]:
@@ -208,97 +370,13 @@ def _frozen_reading(every: Sequence[_Stretches]) -> Iterator[DoubtedReading]:
         )  # fmt: skip
 
 
-# A re-zero: a step of all channels at once, to zero, that another bias from then on explains and nothing else does.
-
-
-def _steps_to_zero(wrench: Array) -> Iterator[tuple[int, int, Array]]:
-    """Rows of readings (n, p) at which all channels step to zero, the rows beside that are smeared, and the step (p,).
-
-    The least likely `MOST_STEPS`. Of a step between two rows they tell; of one that is smeared, means on either side,
-    extrapolated by their slopes, as a robot may be moving.
-    """
-    noise = np.median(np.abs(np.diff(wrench, n=THIRD, axis=0)), axis=0) / (MEDIAN_SQUARE * comb(2 * THIRD, THIRD)) ** 0.5
-    std = np.maximum(noise, ROUNDING * np.abs(wrench).max(axis=0))
-    sums = np.concatenate([np.zeros((1, wrench.shape[1])), np.cumsum(wrench, axis=0)])
-    means = (sums[BESIDE:] - sums[:-BESIDE]) / BESIDE
-    levels = [(0, np.arange(1, len(wrench)), wrench[:-1], wrench[1:])]
-    for gap in SMEARED:
-        row = np.arange(2 * BESIDE + gap, len(wrench) - 2 * BESIDE - gap)
-        after, later = means[row + gap], means[row + gap + BESIDE]
-        before, earlier = means[row - gap - BESIDE], means[row - gap - 2 * BESIDE]
-        middle = gap + (BESIDE - 1) / 2
-        ends = before + (before - earlier) * (middle + 1) / BESIDE
-        levels.append((gap, row, ends, after - (later - after) * middle / BESIDE))
-    candidates = []
-    for gap, row, ends, begins in levels:
-        chance = np.minimum(1.0, (np.abs(begins) + std) / np.maximum(np.abs(ends), std)).prod(axis=1)
-        candidates += [
-            (gap, float(chance[i]), int(row[i]), begins[i] - ends[i]) for i in np.flatnonzero(chance < COINCIDENCE)
-        ]
-    taken: list[int] = []
-    for gap, _, row, step in sorted(candidates, key=lambda candidate: candidate[:2]):
-        if len(taken) == MOST_STEPS or any(abs(row - other) < 4 * BESIDE for other in taken):
-            continue
-        taken.append(row)
-        yield row, gap, step
-
-
-def _zeroed(
-    recording: Recording, steps: Sequence[tuple[int, int, Array]], rows: NDArray[np.int64], features: Array
-) -> dict[int, int]:
-    """Those steps that another bias from then on explains, with the rows beside them that are smeared.
-
-    The last of the features (r, k) at some rows (r,) is the bias.
-    """
-    steps = sorted(steps, key=lambda step: step[0])
-    wrench = recording.wrench[rows]
-    while steps:
-        biases = np.column_stack([rows >= row for row, _, _ in steps]).astype(float)
-        columns = np.column_stack([features, biases])
-        solution = np.linalg.lstsq(columns, wrench, rcond=None)[0]
-        left = wrench - columns @ solution
-        std = np.maximum(left.std(axis=0), ROUNDING * np.abs(wrench).max(axis=0))
-        off = [
-            np.linalg.norm((change - step) / std) / np.linalg.norm(step / std)
-            for change, (_, _, step) in zip(solution[features.shape[1] :], steps, strict=True)
-        ]
-        worst = int(np.argmax(off))
-        if off[worst] > AS_STEP:
-            steps.pop(worst)
-            continue
-        rivalled = [n for n in range(len(steps)) if _is_rivalled(wrench / std, features, biases, n)]
-        if not rivalled:
-            break
-        steps.pop(rivalled[0])
-    return {row: beside for row, beside, _ in steps}
-
-
-def _is_rivalled(wrench: Array, features: Array, biases: Array, number: int) -> bool:
-    """Whether another tool, or a push with an end there, explains about as much of readings (r, p) as a bias does."""
-    others, after = np.delete(biases, number, axis=1), biases[:, number]
-    shared = np.column_stack([features, others])
-
-    def left(columns: Array) -> float:
-        return float((beyond_linear(wrench, np.column_stack([shared, columns])) ** 2).mean())
-
-    limit = RIVAL * left(after)
-    if left(features[:, :-1] * after[:, None]) < limit:
-        return True
-    row, edge = np.arange(len(after)), int(np.argmax(after))
-    ends = np.linspace(0, len(after), RIVAL_ENDS + 2)[1:-1].astype(int)
-    pushes = [(row >= min(edge, end)) & (row < max(edge, end)) for end in ends if end != edge]
-    return any(left(push.astype(float)) < limit / RIVAL for push in pushes)
-
-
 def _zeroed_reading(every: Sequence[_Stretches]) -> Iterator[DoubtedReading]:
     """What is said of recordings that were re-zeroed."""
     doubted = [each for each in every if each.zeroed]
     if not doubted:
         return
     value = {each.recording.name: [row * (each.recording.dt or 1.0) for row in each.zeroed] for each in doubted}
-    at = "; ".join(
-        f"{name} at " + " and ".join(f"{time:.5g} s" for time in times) for name, times in value.items()
-    )
+    at = "; ".join(f"{name} at " + " and ".join(f"{time:.5g} s" for time in times) for name, times in value.items())
     first = doubted[0].recording
     row, beside = next(iter(doubted[0].zeroed.items()))
     before, after = first.wrench[row - beside - 1], first.wrench[row + beside]
