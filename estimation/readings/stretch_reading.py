@@ -7,12 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from math import comb
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.multiplicity import chi2_sf
 from estimation.reading.recording_check import stops
 from estimation.readings.doubted_reading import DoubtedReading
 from estimation.readings.rigid_tool import MEDIAN_SQUARE, SMALLEST_STD, THIRD
@@ -38,6 +40,8 @@ SMEAR = 0.2
 """Of a step, what is left of it beside the rows that it is smeared over."""
 SMEAR_STD = 3.0
 """Std of a sample that is none of that."""
+RETURNS = 0.1
+"""Of a step, what is left of it where the next one takes it back, as the end of a push does."""
 AVERAGED = 10
 """Rows on either side of a re-zero of which one was taken for zero: a mean of those before it, while a robot moves."""
 REACH = 40
@@ -47,9 +51,10 @@ STEP_SHARE = 0.05
 explains more."""
 LEAST_OWN = 1.0
 """Rows by which a step differs from what the tool reads, below which it is none."""
-COINCIDENCE = 1e-3
+COINCIDENCE = 0.03
 """Probability that a step which is no re-zero ends as near to zero in all channels as it does, if it might as well have
-ended anywhere up to where it began: a push or a payload is free to, a re-zero is not."""
+ended anywhere up to where it began (Fisher's method): a push or a payload is free to, a re-zero is not. A push that
+lasts to the end of a log has the same biases by another name."""
 AS_STEP = 0.3
 """Of a step, the most by which the change of the biases that the rest of the run shows may differ from it: a push that
 ends changes them by its share of the run, another pose not at all."""
@@ -86,7 +91,7 @@ class _Stretches:
         recording, usable = self.recording, self._usable
         once, ends = recording.samples_per_repeat, [0, *self.zeroed, recording.samples]
         whole = []
-        for begin, end in zip(ends, ends[1:], strict=False):
+        for begin, end in pairwise(ends):
             inside = np.arange(recording.repeats) * once
             good = [begin <= i and i + once <= end and usable[i : i + once].all() for i in inside]
             whole += [(a * once, b * once) for a, b in _runs(np.array(good)) if b - a > 1]
@@ -100,7 +105,7 @@ class _Stretches:
         pieces = []
         for a, b in _runs(usable):
             parts = [a, *(int(a + 1 + i) for i in np.flatnonzero(cuts[a + 1 : b])), b]
-            pieces += [(c, d) for c, d in zip(parts, parts[1:], strict=False) if d - c >= least]
+            pieces += [(c, d) for c, d in pairwise(parts) if d - c >= least]
         return self._named([_piece(recording, a, b, 1) for a, b in pieces])
 
     @property
@@ -156,7 +161,8 @@ def _runs(mask: Mask) -> list[tuple[int, int]]:
 
 def _piece(recording: Recording, first: int, last: int, repeats: int) -> tuple[Recording, float, float]:
     """Rows first <= i < last of a run as a recording, and the times, s, at which they begin and end."""
-    assert recording.time is not None and recording.dt is not None
+    assert recording.time is not None
+    assert recording.dt is not None
     columns = {name: column[first:last] for name, column in recording.columns.items()}
     continuous = repeats == 1 or recording.continuous
     moved = recording.moved(
@@ -219,7 +225,7 @@ class _Run:
         """The features with the biases that begin at steps, (r, k + s)."""
         return np.column_stack([self.features, *((self.rows >= step.row).astype(float) for step in steps)])
 
-    # A channel that is frozen: it keeps exactly one value while the motion, and what the other rows show, would move it.
+    # A channel that is frozen: it keeps exactly one value while the motion would move it, by what other rows show.
 
     def frozen(
         self, stretches_of: Sequence[Sequence[tuple[int, int]]], steps: Sequence[_Step]
@@ -249,7 +255,7 @@ class _Run:
 
     def steps(self) -> list[_Step]:
         """Steps of the biases to zero, by what the whole run shows and by the readings beside each."""
-        steps: list[_Step] = []
+        at: list[int] = []
         features, wrench, rows = self.features[self.kept], self.wrench[self.kept], self.rows[self.kept]
         for _ in range(MOST_STEPS):
             basis = np.linalg.qr(features)[0]
@@ -262,16 +268,18 @@ class _Run:
             if gain[best] < STEP_SHARE * left.size:
                 break
             features = np.column_stack([features, rows >= rows[best]])
-            step = self._beside(int(rows[best]))
-            steps += [] if step is None or any(abs(step.row - s.row) < 4 * BESIDE for s in steps) else [step]
-        return [step for step in steps if step.chance < COINCIDENCE]
+            at += [] if any(abs(int(rows[best]) - other) < REACH for other in at) else [int(rows[best])]
+        steps = [self._beside(row, [other for other in at if other != row]) for row in at]
+        return [step for step in steps if step is not None and step.chance < COINCIDENCE]
 
-    def _beside(self, row: int) -> _Step | None:
+    def _beside(self, row: int, others: Sequence[int]) -> _Step | None:
         """The step near a row, by the readings beside it; None where there is none that is sharp enough."""
         rows = np.arange(max(row - REACH, 0), min(row + REACH, self.recording.samples))
-        biased = np.column_stack([self.features, self.rows >= row])[self.kept]
-        solution = np.linalg.lstsq(biased, self.wrench[self.kept], rcond=None)[0]
-        expected = _features(self.recording, self.base, rows) @ solution[:-1]
+        biases = np.array([*others, row])
+        biased = np.column_stack([self.features, self.rows[:, None] >= biases])[self.kept]
+        solution = np.linalg.lstsq(biased, self.wrench[self.kept], rcond=None)[0][:-1]
+        near = np.column_stack([_features(self.recording, self.base, rows), rows[:, None] >= biases[:-1]])
+        expected = near @ solution
         beyond = self.recording.wrench[rows] - expected
         far = SMEARED[-1] + BESIDE
         edges = np.arange(far, len(rows) - far)
@@ -287,12 +295,12 @@ class _Run:
             if max(map(np.linalg.norm, rest)) < least:
                 begins, ends = expected[edge - AVERAGED : edge + AVERAGED] + high, expected[edge] + low
                 ratio = (np.abs(begins) + self.noise) / np.maximum(np.abs(ends), self.noise)
-                chance = float(np.minimum(1.0, ratio).prod(axis=1).min())
+                chance = float(chi2_sf(-2 * np.log(np.minimum(1.0, ratio)).sum(axis=1), 2 * len(low)).min())
                 return _Step(int(rows[edge]), beside, high - low, chance)
         return None
 
     def zeroed(self, steps: Sequence[_Step]) -> dict[int, int]:
-        """Rows of the steps that another bias explains, and no rival, with the rows beside that they are smeared over."""
+        """Rows of the steps that another bias explains, and no rival, with the rows beside that they smear."""
         steps = sorted(steps, key=lambda step: step.row)
         kept, count = self.kept, self.features.shape[1]
         while steps:
@@ -304,6 +312,10 @@ class _Run:
                 for change, step in zip(solution[count:], steps, strict=True)
             ]
             worst = int(np.argmax(off))
+            between = [n for n, pair in enumerate(pairwise(steps)) if _is_push(*pair)]
+            if between:
+                del steps[between[0] : between[0] + 2]
+                continue
             if off[worst] <= AS_STEP:
                 rivalled = [n for n in range(len(steps)) if self._is_rivalled(std, columns, count + n)]
                 if not rivalled:
@@ -332,6 +344,11 @@ class _Run:
 def _features(recording: Recording, base: WrenchModel, rows: NDArray[np.int64]) -> Array:
     """What a rigid tool's wrench is linear in at some rows (r,), and a bias, (r, k)."""
     return np.column_stack([linear_features(tool_load(recording, base, rows)), np.ones(len(rows))])
+
+
+def _is_push(begin: _Step, end: _Step) -> bool:
+    """Whether the second of two steps takes the first back."""
+    return bool(np.linalg.norm(begin.size + end.size) < RETURNS * np.linalg.norm(begin.size))
 
 
 def _is_limit(column: Array, value: float, expected: Array) -> bool:
