@@ -142,7 +142,7 @@ def tool_load(recording: Recording, base: WrenchModel, rows: NDArray[np.int64]) 
     return np.asarray(derivative[:, :, excited])
 
 
-def linear_features(load: Array) -> Array:
+def _linear(load: Array) -> Array:
     """What a tool's wrench is linear in, (r, c), whatever the axes and signs of the sensor."""
     columns = load.reshape(len(load), -1)
     return columns[:, np.abs(columns).max(axis=0) > 0]
@@ -152,7 +152,7 @@ def _misfit_of_poses(poses: Recording, base: WrenchModel) -> float:
     """Mean square of what is not linear in gravity, over that of the noise of the means."""
     assert poses.dwells is not None
     features = np.column_stack(
-        [linear_features(tool_load(poses, base, np.arange(poses.samples))[:, :, :1]), np.ones(poses.samples)]
+        [_linear(tool_load(poses, base, np.arange(poses.samples))[:, :, :1]), np.ones(poses.samples)]
     )
     rest = beyond_linear(poses.wrench, features)
     freedom = max(poses.samples - np.linalg.matrix_rank(features), 1)
@@ -170,7 +170,7 @@ def _transitions(run: Recording, poses: Recording, base: WrenchModel) -> _Transi
     assert dwells is not None
     std = noise_from_sample_to_sample([run])
     every = np.arange(0, run.samples, -(-run.samples // MOST_ROWS))
-    features = np.column_stack([linear_features(tool_load(run, base, every)), np.ones(len(every))])
+    features = np.column_stack([_linear(tool_load(run, base, every)), np.ones(len(every))])
     misfit = float((beyond_linear(run.wrench[every] / std, features) ** 2).mean())
     if not dwells.are_sampled_between:
         return _Transitions(float(np.sqrt(misfit)), None)
@@ -202,13 +202,16 @@ def _drift_p_value(poses: Recording, base: WrenchModel) -> float:
     """That poses fit a tool's weight as well without a zero that changes over their order as with it."""
     dwells = poses.dwells
     assert dwells is not None
-    weight = np.column_stack([linear_features(tool_load(poses, base, np.arange(poses.samples))[:, :, :1]), np.ones(poses.samples)])
+    weight = np.column_stack(
+        [_linear(tool_load(poses, base, np.arange(poses.samples))[:, :, :1]), np.ones(poses.samples)]
+    )
     slow = np.polynomial.legendre.legvander(poses.motion.model_signals["progress"], DRIFT)[:, 1:]
     freedom = poses.samples - np.linalg.matrix_rank(weight) - DRIFT
     if freedom < 1:
         return 1.0
     without, beside = (
-        ((beyond_linear(poses.wrench, f) / dwells.std) ** 2).sum(axis=0) for f in (weight, np.column_stack([weight, slow]))
+        ((beyond_linear(poses.wrench, f) / dwells.std) ** 2).sum(axis=0)
+        for f in (weight, np.column_stack([weight, slow]))
     )
     ratios = (without - beside) / DRIFT / np.maximum(beside / freedom, 1.0)
     return bonferroni_p_value([float(f_sf(ratio, DRIFT, freedom)) for ratio in ratios])

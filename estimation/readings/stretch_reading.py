@@ -18,7 +18,7 @@ from estimation.multiplicity import chi2_sf
 from estimation.reading.recording_check import stops
 from estimation.readings.doubted_reading import DoubtedReading
 from estimation.readings.rigid_tool import MEDIAN_SQUARE, SMALLEST_STD, THIRD
-from estimation.readings.static_dwells import beyond_linear, linear_features, tool_load
+from estimation.readings.static_dwells import RANK_TOLERANCE, beyond_linear, tool_load
 from estimation.recordings.recording import Recording
 from modeling.chain.model import ALIGNED_MOUNTING, WrenchModel
 from modeling.rig import Convention
@@ -30,6 +30,10 @@ Mask = NDArray[np.bool_]
 MOVED = 3.0
 """Std of what a rigid tool lets expect of a channel while it keeps one value, over its residual elsewhere, from which
 it is frozen: at rest, or where the tool hardly loads it, a channel of coarse steps keeps its value too."""
+RESOLUTION = 0.05
+"""Quantile of a channel's changes that is its resolution where it changes in steps; else it is next to nothing."""
+COARSE = 10.0
+"""Steps of a channel, instead of `MOVED`, where it changes in less than half of the rows: at rest it keeps its value."""
 MOVED_SHARE = 0.1
 """Of the channel's own std elsewhere: a channel is no reading within a dead band, which is smaller."""
 BESIDE = 5
@@ -234,31 +238,32 @@ class _Run:
         features = self.with_biases(steps)
         parts = zip(self.recording.channels, self.recording.wrench.T, stretches_of, strict=True)
         for channel, column, stretches in parts:
+            read, changes = column[self.rows], np.abs(np.diff(column))
             inside = [(self.rows >= first) & (self.rows < last) for first, last in stretches]
-            outside = ~np.any([*inside, self.rows < 0], axis=0)
-            if outside.sum() < 2 * features.shape[1] or not stretches:
+            elsewhere = ~np.any([*inside, self.rows < 0], axis=0)
+            if elsewhere.sum() < 2 * features.shape[1] or not stretches:
                 continue
-            read = column[self.rows]
-            expected = features @ np.linalg.lstsq(features[outside], read[outside], rcond=None)[0]
-            std = float(np.std((read - expected)[outside]))
-            least = max(MOVED * std, MOVED_SHARE * float(np.std(read[outside])))
-            judged = zip(stretches, (expected[within] for within in inside), strict=True)
-            frozen = [
-                (first, last, float(np.std(there)))
-                for (first, last), there in judged
-                if len(there) and np.std(there) > least and not _is_limit(column, float(column[first]), there)
-            ]
+            resolution = float(np.quantile(changes[changes > 0], RESOLUTION))
+            levels = MOVED if np.median(changes) > 0 else COARSE
+            least = max(MOVED_SHARE * float(np.std(read[elsewhere])), levels * resolution)
+            frozen = []
+            for (first, last), within in zip(stretches, inside, strict=True):
+                expected = [_expected(read, features, used, within) for used in (elsewhere, ~within)]
+                moved = min(float(np.std(there)) if len(there) else 0.0 for there, _ in expected)
+                limit = max(MOVED * std for _, std in expected)
+                if moved > max(least, limit) and not _is_limit(column, float(column[first]), expected[0][0]):
+                    frozen.append((first, last, moved))
             if frozen:
                 yield channel, frozen
 
     # A re-zero: a step of all channels at once, to zero, that another bias from then on explains and nothing else does.
 
     def steps(self) -> list[_Step]:
-        """Steps of the biases to zero, by what the whole run shows and by the readings beside each."""
+        """Steps of the biases, by what the whole run shows and by the readings beside each."""
         at: list[int] = []
         features, wrench, rows = self.features[self.kept], self.wrench[self.kept], self.rows[self.kept]
         for _ in range(MOST_STEPS):
-            basis = np.linalg.qr(features)[0]
+            basis = _orthonormal(features)
             left = wrench - basis @ (basis.T @ wrench)
             std = np.maximum(left.std(axis=0), self.noise)
             of_basis, of_left = (np.cumsum(each[::-1], axis=0)[::-1] for each in (basis, left / std))
@@ -270,7 +275,7 @@ class _Run:
             features = np.column_stack([features, rows >= rows[best]])
             at += [] if any(abs(int(rows[best]) - other) < REACH for other in at) else [int(rows[best])]
         steps = [self._beside(row, [other for other in at if other != row]) for row in at]
-        return [step for step in steps if step is not None and step.chance < COINCIDENCE]
+        return [step for step in steps if step is not None]
 
     def _beside(self, row: int, others: Sequence[int]) -> _Step | None:
         """The step near a row, by the readings beside it; None where there is none that is sharp enough."""
@@ -301,7 +306,7 @@ class _Run:
 
     def zeroed(self, steps: Sequence[_Step]) -> dict[int, int]:
         """Rows of the steps that another bias explains, and no rival, with the rows beside that they smear."""
-        steps = sorted(steps, key=lambda step: step.row)
+        steps = sorted((s for s in steps if s.chance < COINCIDENCE), key=lambda step: step.row)
         kept, count = self.kept, self.features.shape[1]
         while steps:
             columns = self.with_biases(steps)[kept]
@@ -343,7 +348,24 @@ class _Run:
 
 def _features(recording: Recording, base: WrenchModel, rows: NDArray[np.int64]) -> Array:
     """What a rigid tool's wrench is linear in at some rows (r,), and a bias, (r, k)."""
-    return np.column_stack([linear_features(tool_load(recording, base, rows)), np.ones(len(rows))])
+    return np.column_stack([tool_load(recording, base, rows).reshape(len(rows), -1), np.ones(len(rows))])
+
+
+def _orthonormal(columns: Array) -> Array:
+    """Basis (r, rank) of columns (r, k), some of which may be collinear or zero."""
+    size = np.linalg.norm(columns, axis=0)
+    left, values, _ = np.linalg.svd(columns / np.where(size > 0, size, 1.0), full_matrices=False)
+    return np.asarray(left[:, values > RANK_TOLERANCE * values[0]])
+
+
+def _expected(read: Array, features: Array, used: Mask, within: Mask) -> tuple[Array, float]:
+    """What rows that are used let expect of a channel (r,) within others, and the std of what they leave.
+
+    That is robust, as a stretch among them may be frozen, too.
+    """
+    solution = np.linalg.lstsq(features[used], read[used], rcond=RANK_TOLERANCE)[0]
+    left = np.abs(read[used] - features[used] @ solution)
+    return np.asarray(features[within] @ solution), float(np.median(left)) / MEDIAN_SQUARE**0.5
 
 
 def _is_push(begin: _Step, end: _Step) -> bool:
