@@ -33,7 +33,7 @@ it is frozen: at rest, or where the tool hardly loads it, a channel of coarse st
 RESOLUTION = 0.05
 """Quantile of a channel's changes that is its resolution where it changes in steps; else it is next to nothing."""
 COARSE = 10.0
-"""Steps of a channel, instead of `MOVED`, where it changes in less than half of the rows: at rest it keeps its value."""
+"""Steps of a channel, instead of `MOVED`, where it changes in less than half of the rows: at rest it stays."""
 MOVED_SHARE = 0.1
 """Of the channel's own std elsewhere: a channel is no reading within a dead band, which is smaller."""
 BESIDE = 5
@@ -57,8 +57,8 @@ LEAST_OWN = 1.0
 """Rows by which a step differs from what the tool reads, below which it is none."""
 COINCIDENCE = 0.03
 """Probability that a step which is no re-zero ends as near to zero in all channels as it does, if it might as well have
-ended anywhere up to where it began (Fisher's method): a push or a payload is free to, a re-zero is not. A push that
-lasts to the end of a log has the same biases by another name."""
+ended anywhere up to where it began, or up to its size in the mean of forces, or of torques (Fisher's method): a push or
+a payload is free to, a re-zero is not. A push that lasts to the end of a log has the same biases by another name."""
 AS_STEP = 0.3
 """Of a step, the most by which the change of the biases that the rest of the run shows may differ from it: a push that
 ends changes them by its share of the run, another pose not at all."""
@@ -299,8 +299,7 @@ class _Run:
             rest = (beyond[edge - beside - 1] - low) / self.noise, (beyond[edge + beside] - high) / self.noise
             if max(map(np.linalg.norm, rest)) < least:
                 begins, ends = expected[edge - AVERAGED : edge + AVERAGED] + high, expected[edge] + low
-                ratio = (np.abs(begins) + self.noise) / np.maximum(np.abs(ends), self.noise)
-                chance = float(chi2_sf(-2 * np.log(np.minimum(1.0, ratio)).sum(axis=1), 2 * len(low)).min())
+                chance = _coincidence(begins, ends, high - low, self.noise)
                 return _Step(int(rows[edge]), beside, high - low, chance)
         return None
 
@@ -366,6 +365,17 @@ def _expected(read: Array, features: Array, used: Mask, within: Mask) -> tuple[A
     solution = np.linalg.lstsq(features[used], read[used], rcond=RANK_TOLERANCE)[0]
     left = np.abs(read[used] - features[used] @ solution)
     return np.asarray(features[within] @ solution), float(np.median(left)) / MEDIAN_SQUARE**0.5
+
+
+def _coincidence(begins: Array, ends: Array, step: Array, noise: Array) -> float:
+    """P-value that one of the levels (e, p) at which readings may go on after a step is as near to zero by chance.
+
+    `ends` (p,) is the level before it, `noise` (p,) the std of a sample.
+    """
+    forces = 2 if len(step) == 3 else 3
+    mean = [np.full(len(group), np.sqrt(np.mean(group**2))) for group in (step[:forces], step[forces:])]
+    ratio = (np.abs(begins) + noise) / np.maximum(np.maximum(np.abs(ends), np.concatenate(mean)), noise)
+    return float(np.min(chi2_sf(-2 * np.log(np.minimum(1.0, ratio)).sum(axis=1), 2 * len(step))))
 
 
 def _is_push(begin: _Step, end: _Step) -> bool:
