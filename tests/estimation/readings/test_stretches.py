@@ -15,6 +15,7 @@ from estimation.fit import fit_case
 from estimation.readings.stretch_reading import without_bad_stretches
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
+from modeling.effects import named
 from modeling.space import Space
 from tests.shared.recordings import base
 from tests.shared.rigs import SIMULATED, described
@@ -185,6 +186,15 @@ def test_as_read_takes_the_log_as_it_is() -> None:
     recording = recorded(Space.PLANE, 8, frozen(840, 1240))
     case = Case.of(base(Space.PLANE), [recording], as_read=True)
     assert (case.readings, len(case.recordings)) == ((), 1)
+
+
+def test_frozen_channel_that_is_taken_as_it_is_is_not_explained() -> None:
+    """What deviates in two of eight repeats is no gain, though the lines that repeat fit."""
+    case = Case.of(base(Space.PLANE), [recorded(Space.PLANE, 8, frozen(840, 1240))], as_read=True)
+    diagnosis = diagnose_case(case, effects=[named("sensor_gain")])
+    assert diagnosis.verdict is RecordVerdict.UNEXPLAINED
+    assert diagnosis.unexplained is not None
+    assert "deviates from the others" in diagnosis.unexplained.where
 
 
 @pytest.mark.parametrize("change", [frozen(840, 1240), rezeroed(1060)], ids=["frozen", "re-zeroed"])
