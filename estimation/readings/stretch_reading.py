@@ -9,7 +9,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from math import comb
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -123,11 +122,18 @@ class _Stretches:
         return usable
 
     def _named(self, pieces: Sequence[tuple[Recording, float, float]]) -> tuple[Recording, ...]:
-        """The pieces, each with its times in its name where there are several; the recording if there is none."""
+        """The pieces, each with its times in its name where there are several; the recording if there is none.
+
+        What was noticed when the log was read is said of the first.
+        """
         if len(pieces) < 2:
             return tuple(piece for piece, _, _ in pieces) or (self.recording,)
-        name = self.recording.name
-        return tuple(replace(r, name=f"{name} {begin:.5g} to {end:.5g} s") for r, begin, end in pieces)
+        name, report = self.recording.name, self.recording.reading
+        said = None if report is None else replace(report, steps=())
+        return tuple(
+            replace(r, name=f"{name} {begin:.5g} to {end:.5g} s", reading=said if number else report)
+            for number, (r, begin, end) in enumerate(pieces)
+        )
 
 
 def without_bad_stretches(
@@ -396,21 +402,26 @@ def _is_limit(column: Array, value: float, expected: Array) -> bool:
 
 def _frozen_reading(every: Sequence[_Stretches]) -> Iterator[DoubtedReading]:
     """What is said of channels that are frozen."""
-    value: dict[str, Any] = {}
+    value: dict[str, dict[str, list[list[float]]]] = {}
     meanings, shown = [], []
     for each in every:
         recording, dt = each.recording, each.recording.dt or 1.0
+        frozen: dict[str, list[str]] = {}
         for channel, stretches in each.stopped.items():
             column, unit = recording.wrench[:, recording.channels.index(channel)], _unit(recording, channel)
             times = [[first * dt, last * dt] for first, last, _ in stretches]
             value.setdefault(recording.name, {})[channel] = times
             spans = " and ".join(f"{begin:.5g} to {end:.5g} s" for begin, end in times)
-            meanings.append(f"{channel} of {recording.name} is frozen from {spans}")
+            frozen.setdefault(spans, []).append(channel)
             shown += [
-                f"{last - first} rows in turn are exactly {column[first]:.6g} {unit}, while the motion moves"
-                f" {channel} by {moved:.2g} {unit} rms"
+                f"{last - first} rows of {channel} in turn are exactly {column[first]:.6g} {unit}, while the motion"
+                f" moves it by {moved:.2g} {unit} rms"
                 for first, last, moved in stretches
             ]
+        meanings += [
+            f"{', '.join(channels)} of {recording.name} {'is' if len(channels) == 1 else 'are'} frozen from {spans}"
+            for spans, channels in frozen.items()
+        ]
     if value:
         yield DoubtedReading(
             id="channel_frozen", value=value, meaning=f"{'; '.join(meanings)}, and these rows are left out",
