@@ -81,6 +81,8 @@ class RecordEvidence:
     within_tolerance      whether the systematic error is within tolerance in every channel of every recording, of a
                           held-out one without what errors of the estimates kept explain
     power_share           systematic power of the final model's residual over that of the rigid tool's
+    unrepeated            whether more than noise differs between the repeats: events that no effect explains, or twice
+                          the noise that was estimated, by which no p-value holds
     deviates_outside      whether the readings differ from the model outside the whole repeats that were cut from a log
     misread               whether another reading of the recordings is shown and not adopted
     unrecorded_acceleration  whether a residual looks like mass times an acceleration that was not recorded, which no
@@ -98,11 +100,12 @@ class RecordEvidence:
     deviates_outside: bool = False
     unrecorded_acceleration: bool = False
     misread: bool = False
+    unrepeated: bool = False
 
     @property
     def adequate(self) -> bool:
         """Whether no lack of fit is significant, neither in training nor on held-out data, and nothing else remains."""
-        if self.slow or self.unrecorded_acceleration or self.deviates_outside:
+        if self.slow or self.unrecorded_acceleration or self.deviates_outside or self.unrepeated:
             return False
         return self.lack_of_fit >= LEVELS.effect and self.held_out_lack_of_fit >= LEVELS.held_out
 
@@ -119,7 +122,11 @@ RECORD_RULES: tuple[RecordRule, ...] = (
         "a single run of which little was removed", lambda e: e.adequate and e.removed_share < 0.5, V.PARTLY_EXPLAINED
     ),
     VerdictRule("no lack of fit", lambda e: e.adequate, V.EXPLAINED),
-    VerdictRule("error within tolerance", lambda e: e.within_tolerance and not e.deviates_outside, V.EXPLAINED),
+    VerdictRule(
+        "error within tolerance",
+        lambda e: e.within_tolerance and not (e.deviates_outside or e.unrepeated),
+        V.EXPLAINED,
+    ),
     VerdictRule("systematic power at least halved", lambda e: e.power_share <= 0.5, V.PARTLY_EXPLAINED),
     VerdictRule(
         "more than half of the systematic power remains",
@@ -468,6 +475,7 @@ class _Outcome:
             power_share=float(self.power[-1] / max(self.power[0], 1e-300)),
             deviates_outside=any(left_out.deviations for left_out in self.rows_left_out),
             misread=self.misread,
+            unrepeated=any(compared.differs_between_repeats for compared in last.training),
             unrecorded_acceleration=any(lacks_acceleration(c, self.candidate.fit.model) for c in last.training),
         )
 
@@ -569,6 +577,13 @@ def _unexplained(
     held_out = min(step.validation, key=lambda c: c.lack_of_fit, default=fitted)
     if fitted.lack_of_fit >= LEVELS.effect and held_out.lack_of_fit < LEVELS.held_out:
         return describe_residual(held_out, tolerance, fitted=False)
+    disturbed = next((c for c in step.training if c.events_left), None)
+    if disturbed is not None:
+        spans = ", ".join(f"{begin:.4g} to {end:.4g} s" for begin, end in disturbed.events_left)
+        where = (
+            f"one repeat of {disturbed.recording.name} deviates from the others from {spans}, which no effect explains"
+        )
+        return replace(describe_residual(disturbed, tolerance), where=where)
     slow = next((s for s in slow_residuals(step.training) if s.above_noise), None)
     outside = next((left_out for left_out in rows if left_out.deviations), None)
     if outside is not None and slow is None and fitted.lack_of_fit >= LEVELS.effect:

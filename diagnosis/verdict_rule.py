@@ -16,7 +16,8 @@ class RecordVerdict(Enum):
     """Verdict on the recordings as a whole.
 
     NOTHING_MISSING   no effect added, and lack of fit p >= 0.01
-    EXPLAINED         effects added, and then p >= 0.01 or the systematic error within tolerance in every channel
+    EXPLAINED         effects added, and then p >= 0.01 or the systematic error within tolerance in every channel; and
+                      no repeat deviates from the others any more
     PARTLY_EXPLAINED  effects added, systematic power at least halved, lack of fit remains
     UNEXPLAINED       lack of fit, and no effect accepted
     """

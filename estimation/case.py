@@ -95,11 +95,16 @@ class Case:
         check_channels(model, recordings)
         for recording in held_out:
             require_channels(recording, model)
-        from estimation.readings.static_dwells import as_static_poses  # recordings in memory: a streamed fit has none
+        # Of recordings in memory, which a streamed fit has not.
+        from estimation.readings.static_dwells import as_static_poses
+        from estimation.readings.stretch_reading import without_bad_stretches
 
-        several, dwells = as_static_poses(several, model, runs=not as_read)
-        case = cls._of(model, several, len(recordings), read, as_read=as_read)
+        pieces, stretches = ([(r,) for r in several], ()) if as_read else without_bad_stretches(several, model)
+        count = sum(map(len, pieces[: len(recordings)]))
+        several, dwells = as_static_poses([r for each in pieces for r in each], model, runs=not as_read)
+        case = cls._of(model, several, count, read, as_read=as_read)
         case = case if dwells is None else replace(case, readings=(dwells, *case.readings))
+        case = replace(case, readings=(*stretches, *case.readings)) if stretches else case
         if all(recording.reading is None and recording.clock_offset is None for recording in several):
             return case
         from estimation.readings.of_log import readings_of_logs  # a streamed fit has none

@@ -16,6 +16,7 @@ from diagnosis.comparison.validation import StandardisedResidual, ValidationFit
 from estimation.fit import Fit
 from estimation.fit_column_space import fit_column_space, rows_of_recordings, run_spectrum
 from estimation.multiplicity import bonferroni_p_value, chi2_sf, chi_square_p_value, normal_isf
+from estimation.noise.events_in_repeats import find_events_in_repeats
 from estimation.noise.power_spectrum import power_levels
 from estimation.noise.recording_noise import RecordingNoise, sample_step
 from estimation.noise.whitening import AutoregressiveWhitener, FourierLineWhitener
@@ -50,6 +51,13 @@ OUTLYING = 6.0
 RAISED = 2.0
 """Noise floor over robust std from which outliers make the noise: 1 of normal noise of any colour, 1.4 of Laplace's,
 1.5 of Student's with three degrees of freedom."""
+
+UNREPEATED = 2.0
+"""Mean square of what differs between repeats, over that of the noise, from which it is not that noise: as much again
+is neither noise nor does it repeat."""
+EVENTS_LEFT = 0.5
+"""Share of the time of a recording's events in which one repeat still deviates from the others, from which they are not
+explained: of an event with another edge than its effect has, little is left."""
 
 UNEQUAL = 10.0
 """Noise floor over the largest of the other axes': those of one sensor differ by two or three, by its shape."""
@@ -278,6 +286,7 @@ class Comparison(Tabular):
     lack_of_fit      p-value of "the residual is consistent with the noise"
     smallest_lack_of_fit  that its test can give: permutations are countable; 0 of the other tests
     cross_validated_gain  of generic terms on the residual; None unless the noise is estimated from it
+    unrepeated_power  mean square of the whitened residual at the lines that do not repeat; 1 without such lines
     """
 
     recording: Recording
@@ -292,6 +301,25 @@ class Comparison(Tabular):
     lack_of_fit: float
     smallest_lack_of_fit: float = 0.0
     cross_validated_gain: CrossValidatedGain | None = None
+    unrepeated_power: float = 1.0
+
+    @cached_property
+    def events_left(self) -> tuple[tuple[float, float], ...]:
+        """Intervals (s) in which one repeat deviates from the others, if the events of the noise are not explained."""
+        if not self.noise.events or self.noise.source is not NoiseSource.REPEATS:
+            return ()
+        left = find_events_in_repeats(self.recording, self.residual)
+        time = np.arange(self.recording.samples) * sample_step(self.recording)
+        events, still = (
+            np.any([(time >= begin) & (time < end) for begin, end in each] or [time < 0], axis=0)
+            for each in (self.noise.events, left)
+        )
+        return left if (events & still).sum() >= EVENTS_LEFT * events.sum() else ()
+
+    @property
+    def differs_between_repeats(self) -> bool:
+        """Whether what does not repeat is more than noise: events that no effect explains, or more than twice it."""
+        return self.unrepeated_power > UNREPEATED or bool(self.events_left)
 
     @property
     def lack_of_fit_cell(self) -> Cell:
@@ -441,6 +469,7 @@ def comparison_of(fit: Fit, number: int) -> Comparison:
         lack_of_fit=p_value,
         smallest_lack_of_fit=smallest_lack_of_fit(noise),
         cross_validated_gain=gain,
+        unrepeated_power=_unrepeated_power(noise, tested),
     )
 
 
@@ -510,6 +539,15 @@ def lack_of_fit_test(
             variance = float(noise.log_power_variance_of(shares)[0]) + coloured
             p_values.append(float(chi_square_p_value(power, degrees_of_freedom, variance)))
     return float(total), bonferroni_p_value(p_values)
+
+
+def _unrepeated_power(noise: RecordingNoise, tested: StandardisedResidual) -> float:
+    """Mean square of the whitened rows of the lines that do not repeat; 1 where there are none."""
+    if not isinstance(noise.whitener, FourierLineWhitener):
+        return 1.0
+    others = slice(noise.whitener.periodic_rows, None)
+    freedom = len(tested.rows[others]) - float(tested.leverage[others].sum())
+    return float((tested.rows[others] ** 2).sum()) / freedom if freedom > LEAST_FREEDOM else 1.0
 
 
 def _record_power_variance(fit: Fit, number: int) -> float:

@@ -49,15 +49,18 @@ def clipped_rows(column: Array) -> tuple[float, int] | None:
     return None
 
 
+def stops(column: Array) -> list[tuple[int, int]]:
+    """First row and the one behind the last of each stretch in which a channel (n,) keeps its value unusually long."""
+    starts = np.concatenate([[0], np.flatnonzero(column[1:] != column[:-1]) + 1])
+    ends = np.append(starts[1:], len(column))
+    long = ends - starts >= max(LEAST_STOP, STOP_RATIO * float(np.median(ends - starts)))
+    return [(int(a), int(b)) for a, b in zip(starts[long], ends[long], strict=True)] if len(starts) > 2 else []
+
+
 def longest_stop(column: Array) -> tuple[int, int] | None:
     """First row and length of the longest stop of a channel (n,) that changes otherwise; None without one."""
-    starts = np.concatenate([[0], np.flatnonzero(column[1:] != column[:-1]) + 1])
-    lengths = np.diff(np.append(starts, len(column)))
-    longest = int(np.argmax(lengths))
-    least = max(LONGEST_STOP * len(column), LEAST_STOP, STOP_RATIO * float(np.median(lengths)))
-    if len(lengths) < 3 or lengths[longest] < least:
-        return None
-    return int(starts[longest]), int(lengths[longest])
+    first, last = max(stops(column), key=lambda stop: stop[1] - stop[0], default=(0, 0))
+    return (first, last - first) if last - first >= max(LONGEST_STOP * len(column), 1) else None
 
 
 ZERO_SHARE = 0.01

@@ -129,12 +129,12 @@ def _poses_of(recording: Recording, base: WrenchModel) -> Recording | None:
     if not dwells.are_poses or dwells.distinct < 2 * recording.dimension:
         return None
     poses = recording.at_dwells(dwells)
-    gravity = _load(poses, base, np.arange(poses.samples))[:, : recording.dimension, 0]
+    gravity = tool_load(poses, base, np.arange(poses.samples))[:, : recording.dimension, 0]
     spread = np.linalg.svd(gravity - gravity.mean(axis=0), compute_uv=False) / np.sqrt(poses.samples)
     return poses if spread[-1] > SPANNED else None
 
 
-def _load(recording: Recording, base: WrenchModel, rows: NDArray[np.int64]) -> Array:
+def tool_load(recording: Recording, base: WrenchModel, rows: NDArray[np.int64]) -> Array:
     """Derivative (r, p, k) of a rigid tool's wrench in its parameters, mass first, at some rows of a recording."""
     signals = {name: series[rows] for name, series in recording.signals.items()}
     derivative = compiled_prediction(base).load.tangent(signals, np.zeros(base.base_size), len(rows))[1]
@@ -152,9 +152,9 @@ def _misfit_of_poses(poses: Recording, base: WrenchModel) -> float:
     """Mean square of what is not linear in gravity, over that of the noise of the means."""
     assert poses.dwells is not None
     features = np.column_stack(
-        [_linear(_load(poses, base, np.arange(poses.samples))[:, :, :1]), np.ones(poses.samples)]
+        [_linear(tool_load(poses, base, np.arange(poses.samples))[:, :, :1]), np.ones(poses.samples)]
     )
-    rest = _beyond(poses.wrench, features)
+    rest = beyond_linear(poses.wrench, features)
     freedom = max(poses.samples - np.linalg.matrix_rank(features), 1)
     return float((rest**2 / poses.dwells.std**2).mean() * poses.samples / freedom)
 
@@ -170,8 +170,8 @@ def _transitions(run: Recording, poses: Recording, base: WrenchModel) -> _Transi
     assert dwells is not None
     std = noise_from_sample_to_sample([run])
     every = np.arange(0, run.samples, -(-run.samples // MOST_ROWS))
-    features = np.column_stack([_linear(_load(run, base, every)), np.ones(len(every))])
-    misfit = float((_beyond(run.wrench[every] / std, features) ** 2).mean())
+    features = np.column_stack([_linear(tool_load(run, base, every)), np.ones(len(every))])
+    misfit = float((beyond_linear(run.wrench[every] / std, features) ** 2).mean())
     if not dwells.are_sampled_between:
         return _Transitions(float(np.sqrt(misfit)), None)
     rows = np.concatenate(
@@ -179,19 +179,19 @@ def _transitions(run: Recording, poses: Recording, base: WrenchModel) -> _Transi
     )
     rows = rows[:: -(-len(rows) // MOST_ROWS)]
     wrench = _about_dwells(run.wrench[rows] / std, dwells.means(dwells.wrench) / std, dwells, rows)
-    at_rest = _load(poses, base, np.arange(poses.samples)).reshape(poses.samples, -1)
-    before, now, after = (_load(run, base, rows + step).reshape(len(rows), -1) for step in (-1, 0, 1))
-    rest = _beyond(wrench, _about_dwells(now, at_rest, dwells, rows))
+    at_rest = tool_load(poses, base, np.arange(poses.samples)).reshape(poses.samples, -1)
+    before, now, after = (tool_load(run, base, rows + step).reshape(len(rows), -1) for step in (-1, 0, 1))
+    rest = beyond_linear(wrench, _about_dwells(now, at_rest, dwells, rows))
     left, whole = float((rest**2).mean()), float((wrench**2).mean())
     rates = np.column_stack([after - before, after - 2 * now + before, _rates(run, rows)])
-    of_motion = (left - float((_beyond(rest, rates) ** 2).mean())) / max(left - 1.0, SMALLEST)
+    of_motion = (left - float((beyond_linear(rest, rates) ** 2).mean())) / max(left - 1.0, SMALLEST)
     p_value = float(f_sf(left / FITTING, len(dwells) - 1, len(dwells) - 1))
     spoiled = left > FITTING and left > NOTABLE * whole and of_motion < OF_MOTION and p_value < LEVELS.misread
     drifting = misfit > FITTING and _drift_p_value(poses, base) < LEVELS.misread
     return _Transitions(float(np.sqrt(misfit)), p_value if spoiled else None) if spoiled or drifting else None
 
 
-def _beyond(series: Array, features: Array) -> Array:
+def beyond_linear(series: Array, features: Array) -> Array:
     """What of a series (r, c) is not linear in features (r, k)."""
     scale = np.linalg.norm(features, axis=0)
     unit = features[:, scale > 0] / scale[scale > 0]
@@ -202,13 +202,16 @@ def _drift_p_value(poses: Recording, base: WrenchModel) -> float:
     """That poses fit a tool's weight as well without a zero that changes over their order as with it."""
     dwells = poses.dwells
     assert dwells is not None
-    weight = np.column_stack([_linear(_load(poses, base, np.arange(poses.samples))[:, :, :1]), np.ones(poses.samples)])
+    weight = np.column_stack(
+        [_linear(tool_load(poses, base, np.arange(poses.samples))[:, :, :1]), np.ones(poses.samples)]
+    )
     slow = np.polynomial.legendre.legvander(poses.motion.model_signals["progress"], DRIFT)[:, 1:]
     freedom = poses.samples - np.linalg.matrix_rank(weight) - DRIFT
     if freedom < 1:
         return 1.0
     without, beside = (
-        ((_beyond(poses.wrench, f) / dwells.std) ** 2).sum(axis=0) for f in (weight, np.column_stack([weight, slow]))
+        ((beyond_linear(poses.wrench, f) / dwells.std) ** 2).sum(axis=0)
+        for f in (weight, np.column_stack([weight, slow]))
     )
     ratios = (without - beside) / DRIFT / np.maximum(beside / freedom, 1.0)
     return bonferroni_p_value([float(f_sf(ratio, DRIFT, freedom)) for ratio in ratios])

@@ -160,6 +160,7 @@ RECORD_CASES: dict[str, list[tuple[RecordEvidence, RecordVerdict, str]]] = {
         (replace(FITS, unaccepted=True), RecordVerdict.UNEXPLAINED, ""),
         (replace(FITS, deviates_outside=True), RecordVerdict.UNEXPLAINED, ""),
         (replace(MISFITS, within_tolerance=True, power_share=0.1), RecordVerdict.UNEXPLAINED, ""),
+        (replace(FITS, unrepeated=True), RecordVerdict.UNEXPLAINED, ""),
     ],
     "a single run of which little was removed": [
         (replace(FITS, effects=1, removed_share=0.49), RecordVerdict.PARTLY_EXPLAINED, ""),

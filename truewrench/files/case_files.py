@@ -148,6 +148,10 @@ MEANINGS = {
 """What the readings are by their convention."""
 
 
+OF_ROWS = ("static_dwells", "channel_frozen", "rezeroed")
+"""Ids of readings of which rows a run is: they leave gravity and the sign to be decided."""
+
+
 def mounting_angle(sign: SignDecision) -> float:
     """Angle of the mounting rotation R, rad: R - R' is 2 sin(angle) of its axis, the trace 1 + 2 cos(angle)."""
     skew = sign.mounting - sign.mounting.T
@@ -190,8 +194,8 @@ def frame_sentences(case: Case, *, detailed: bool = False) -> list[str]:
     """What the data decided of frames: gravity's direction, the sign convention; `detailed`, with its estimates."""
     sentences = [] if case.sign is None else [convention_sentence(case.sign, detailed=detailed)]
     readings = [doubted.sentence for doubted in case.readings]
-    if not all(doubted.adopted and (doubted.of_log or doubted.id == "static_dwells") for doubted in case.readings):
-        return [*readings, *([] if case.misread else sentences)]  # dwells leave gravity and the sign to be decided
+    if not all(doubted.adopted and (doubted.of_log or doubted.id in OF_ROWS) for doubted in case.readings):
+        return [*readings, *([] if case.misread else sentences)]
     if case.doubted is not None:
         return [*readings, case.doubted.not_applied, *sentences]
     if case.gravity is None:
