@@ -15,7 +15,7 @@ from estimation.least_squares.estimates import Estimates, require_positive_mass,
 from estimation.least_squares.problem import LinearisedRows, Problem, Solution
 from estimation.least_squares.square_root_information import SquareRootInformation
 from estimation.model_response import ModelResponse, model_response, predicted_readings
-from estimation.noise.recording_noise import RecordingNoise, sample_step
+from estimation.noise.recording_noise import RecordingNoise, repeat_noise_floor, sample_step
 from estimation.parameter_layout import ParameterLayout, parameter_layout, require_known_start
 from estimation.recordings.recording import Recording
 from modeling.chain.chain import Stage
@@ -148,6 +148,12 @@ class Fit(Solution, Estimates):
         from estimation.confidence_intervals import intervals  # loads scipy.special
 
         return intervals(self.ordinary or self, level=level)
+
+    def noise_floor(self, number: int = 0) -> Array:
+        """Std of one sample (p,) of the noise of one of the recordings; of repeats without what the fit explains."""
+        recording, noise = self.recordings[number], self.noise[number]
+        repeated = noise.source is NoiseSource.REPEATS
+        return repeat_noise_floor(recording, self.residuals[number]) if repeated else noise.floor
 
     def response(self, number: int = 0) -> ModelResponse:
         """Prediction of one of the recordings."""

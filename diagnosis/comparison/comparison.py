@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 from math import isclose
@@ -447,7 +447,7 @@ def _unequal_notes(comparison: Comparison) -> list[str]:
 def comparison_of(fit: Fit, number: int) -> Comparison:
     """Comparison of a fit with its recording of that number."""
     recording, noise, residual = fit.recordings[number], fit.noise[number], fit.residuals[number]
-    channels = recording.channels
+    channels, floor = recording.channels, fit.noise_floor(number)
     power = (residual**2).mean(axis=0)
     tested = standardised_residual(fit, number)
     explainable, beyond = (
@@ -459,8 +459,8 @@ def comparison_of(fit: Fit, number: int) -> Comparison:
     return Comparison(
         recording=recording,
         residual=residual,
-        noise=noise,
-        noise_floor=_by_channel(channels, noise.floor),
+        noise=replace(noise, floor=floor),
+        noise_floor=_by_channel(channels, floor),
         rms=_by_channel(channels, np.sqrt(power)),
         explainable_rms=None if explainable is None else _by_channel(channels, np.sqrt(explainable[0])),
         explainable_std=None if explainable is None else _by_channel(channels, explainable[1]),

@@ -117,7 +117,7 @@ def _effect_derivatives(
 
 def channel_tolerance(base: Fit) -> tuple[dict[str, float], bool]:
     """Tolerance per channel as stated in the rig, else a tenth of the noise floor; and whether it was stated."""
-    recording, floor = base.recordings[0], base.noise[0].floor
+    recording, floor = base.recordings[0], base.noise_floor()
     stated = (recording.rig.sensor.tolerance if recording.rig is not None else None) or {}
     tolerance = {c: float(stated.get(c, NEGLIGIBLE_SHARE * f)) for c, f in zip(recording.channels, floor, strict=True)}
     return tolerance, bool(stated)

@@ -256,7 +256,7 @@ class CalibratedModel:
             floor = fitted.noise.floor
             systematic = floor * np.sqrt(max(fitted.misfit - 1, 0.0))
         else:
-            floor = fitted.noise[0].floor
+            floor = fitted.noise_floor()
             systematic = np.max([systematic_residual_rms(fitted, i) for i in range(len(fitted.recordings))], axis=0)
         return cls(fitted.model, fitted.theta[:size], covariance, floor, systematic)
 
@@ -286,7 +286,9 @@ def systematic_residual_rms(fitted: Fit, number: int) -> Array:
     recording, noise, residual = fitted.recordings[number], fitted.noise[number], fitted.residuals[number]
     if noise.source is NoiseSource.REPEATS:
         mean = residual.reshape(recording.repeats, -1, residual.shape[1]).mean(axis=0)
-        return np.asarray(np.sqrt(np.maximum(mean.var(axis=0) - noise.floor**2 / recording.repeats, 0.0)))
+        return np.asarray(
+            np.sqrt(np.maximum(mean.var(axis=0) - fitted.noise_floor(number) ** 2 / recording.repeats, 0.0))
+        )
     if recording.at_rest:
         return np.asarray(residual.std(axis=0))
     segments = np.array_split(residual - residual.mean(axis=0), min(SEGMENTS_PER_RUN, len(residual)))

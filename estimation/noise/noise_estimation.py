@@ -49,11 +49,10 @@ COHERENCE_BANDS = 8
 def noise_from_repeats(recording: Recording, residual: Array) -> RecordingNoise:
     """Noise from what differs between the repeats of a residual (n, p), less recording-specific disturbances.
 
-    Where the residual is that of each repeat's own motion, so is the noise.
+    The floor is of the residual as it is: a model that explains a disturbance has it in neither.
     """
     from_lines = _from_non_excited_lines if recording.continuous else _from_separate_runs
-    noise = from_lines(recording, residual)
-    return noise if recording.own_motion is None else replace(noise, floor=repeat_noise_floor(recording, residual))
+    return from_lines(recording, residual)
 
 
 def _from_non_excited_lines(recording: Recording, residual: Array) -> RecordingNoise:
@@ -101,7 +100,8 @@ def _from_non_excited_lines(recording: Recording, residual: Array) -> RecordingN
     root = _coherence_roots(non_excited[tone_free], white, order) / np.sqrt(levels)[:, None, :]
     freedom = sum(s.freedom for s in spectra) / len(spectra) / len(non_excited)
     plain = FourierLineWhitener(n, repeats, excited, others, root * np.sqrt(1 - min(freedom, 0.5)))
-    return _recording_noise(recording, plain, spectra, ordered, events, tones)
+    floor = repeat_noise_floor(recording, residual)
+    return _recording_noise(recording, floor, plain, spectra, ordered, events, tones)
 
 
 def _share_of_lines(basis: Array) -> Array:
@@ -111,6 +111,7 @@ def _share_of_lines(basis: Array) -> Array:
 
 def _recording_noise(
     recording: Recording,
+    floor: Array,
     plain: FourierLineWhitener,
     spectra: tuple[PowerSpectrum, ...],
     frequency: Array,
@@ -123,7 +124,7 @@ def _recording_noise(
     whitener = without_leakage(plain, spectra, sample_step(recording), projected, judged=judged)
     variance = log_power_variances(spectra, frequency)
     return RecordingNoise(
-        floor=repeat_noise_floor(recording),
+        floor=floor,
         whitener=whitener,
         source=NoiseSource.REPEATS,
         log_power_variance=np.concatenate([variance, variance], axis=1).ravel(),
@@ -166,7 +167,7 @@ def _from_separate_runs(recording: Recording, residual: Array) -> RecordingNoise
     plain = FourierLineWhitener(
         period * repeats, repeats, excited[tone_free] * repeats, np.zeros(0, dtype=np.intp), root
     )
-    return _recording_noise(recording, plain, spectra, frequency[tone_free])
+    return _recording_noise(recording, repeat_noise_floor(recording, residual), plain, spectra, frequency[tone_free])
 
 
 def _coherence_roots(

@@ -281,6 +281,16 @@ CASES: list[Case] = [  # space, effect, what is hidden, its true amounts, where 
 ]
 
 
+def test_noise_floor_of_repeats_is_without_what_the_fit_explains() -> None:
+    """A push in one of four repeats is in the floor of the tool alone; the std of 750 samples errs by 2.6 % of itself,
+    so that 15 % are more than 5 sigma (1 in 1e6)."""
+    recording, noise = recorded(PLANE, CONTACT, seed=1), np.array(SIMULATED[PLANE].noise)
+    assert (fit(base(PLANE), recording).noise_floor() > 2 * noise).all()
+    start = {"contact_event.start": 6.999, "contact_event.end": 9.002}
+    floor = fit(base(PLANE) + effects.named("contact_event"), recording, start=start).noise_floor()
+    np.testing.assert_allclose(floor, noise, rtol=0.15)
+
+
 @pytest.mark.parametrize("case", CASES, ids=[f"{case[1].id}-{case[0].name}" for case in CASES])
 def test_refit_returns_what_was_hidden(case: Case) -> None:
     """Within 4 std, for some 60 amounts in all 1 in 250 of another seed."""
