@@ -101,12 +101,18 @@ class Fit(Solution, Estimates):
         names, held = [p.name for p in self.unknowns], set(self.held)
         free = [direction for direction in self.unidentifiable if held.isdisjoint(direction.names)]
         sentence = impossible_body(self.model, names, self.theta, self.covariance, free)
-        said = [*super().remarks(), *([sentence] if sentence else [])]
-        if any(noise.shapes for noise in self.noise):
-            from estimation.transients import event_sentences  # of events alone
+        return [*super().remarks(), *([sentence] if sentence else []), *self._event_remarks()]
 
-            said += event_sentences(self)
-        return said
+    def _event_remarks(self) -> Iterator[str]:
+        """What is said of the events of the recordings whose wrench is not constant."""
+        pushed = sum(p.role is Role.ONSET for p in self.unknowns) > 1
+        for recording, noise in zip(self.recordings, self.noise, strict=True):
+            for shape in noise.shapes:
+                when = f"from {shape.edges[0]:.3g} to {shape.edges[-1]:.3g} s of {recording.name}"
+                if shape.judged and pushed:
+                    yield f"the contact {when} is not constant: its wrench is the mean over that time"
+                else:
+                    yield f"what happened {when}, and does not repeat, is left out"
 
     def printed(self) -> list[Table | str]:
         """Table, remarks, and how far the residual is above the noise: stds of a model that does not fit mislead."""

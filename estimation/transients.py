@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import starmap
 
@@ -112,17 +112,6 @@ def values_in(noise: Sequence[RecordingNoise], fit: Solution) -> dict[str, float
 def _values(fit: Solution) -> dict[str, float]:
     """The value of every unknown by name."""
     return {p.name: float(value) for p, value in zip(fit.unknowns, fit.theta, strict=True)}
-
-
-def event_sentences(fit: Solution) -> Iterator[str]:
-    """What is said of the events of a fit's recordings whose wrench is not constant."""
-    for number, (recording, noise) in enumerate(zip(fit.recordings, fit.noise, strict=True)):
-        for shape in noise.shapes:
-            when = f"from {shape.edges[0]:.3g} to {shape.edges[-1]:.3g} s of {recording.name}"
-            if shape.judged and _contact_times(fit, number):
-                yield f"the contact {when} is not constant: its wrench is the mean over that time"
-            else:
-                yield f"what happened {when}, and does not repeat, is left out"
 
 
 def _event_shape_of(fit: Solution, onset: str) -> EventShape | None:
