@@ -19,7 +19,7 @@ from diagnosis.comparison.validation import zero_shift
 from diagnosis.held_out import HeldOut, RecordingDisturbance, disturbances_of, with_disturbances
 from diagnosis.progress import Progress, silent
 from diagnosis.screening.null_model import ScreeningCache
-from diagnosis.screening.score_test import model_initial_values, screen
+from diagnosis.screening.score_test import model_initial_values, screen, significant_effects
 from diagnosis.subset_search import CandidateModel, SubsetSearch, search_subsets
 from diagnosis.verdict.aliasing import (
     GivenAlternative,
@@ -40,9 +40,9 @@ from diagnosis.verdict_rule import RecordVerdict, VerdictRule, judge
 from estimation.case import Case
 from estimation.contact.rows_left_out import RowsLeftOut, rows_left_out
 from estimation.fit import (
+    MAX_NOISE_ROUNDS,
     Fit,
     in_noise_beside_pose,
-    noise_without_transients,
     recordings_of,
     require_positive_fitted_mass,
     unchecked_fit,
@@ -55,7 +55,9 @@ from modeling.chain.effect import Effect, effects_of
 from modeling.chain.model import WrenchModel, require_model
 from modeling.effects import catalogue
 from modeling.effects.geometry import GravityTilt
+from modeling.noise import NoiseSource
 from modeling.number_format import P_VALUE, SHARE, finite
+from modeling.parameter import Role
 from modeling.significance import LEVELS
 from modeling.table import Column, Table, Tabular
 
@@ -539,7 +541,31 @@ def _diagnosed(
 
 
 def _selected(base: Fit, candidates: Sequence[Effect], progress: Progress, cache: ScreeningCache) -> SubsetSearch:
-    """The subset search; repeated in the re-estimated noise where transient effects had been attributed to noise."""
+    """The subset search, in the noise beside the events of repeats.
+
+    First transient effects alone explain the events that were detected: detection, refit and noise alternate until the
+    noise stays the same. The search of all effects is repeated where what it attributes to transients had still been
+    attributed to noise.
+    """
+    from estimation.transients import noise_beside_unexplained_events, noise_without_transients  # of effects alone
+
+    transients = [effect for effect in candidates if effect.has_role(Role.ONSET, base.model.space)]
+    detected = any(noise.source is NoiseSource.REPEATS and noise.events for noise in base.noise)
+    for _ in range(MAX_NOISE_ROUNDS if detected and transients else 0):
+        progress("events, and the noise beside them")
+        chosen = search_subsets(base, transients, silent, cache).chosen
+        noise = noise_without_transients(chosen.fit) if chosen.ids else noise_beside_unexplained_events(base)
+        if noise is None:
+            break
+        cache.forget()
+        base, cache = base.in_noise(noise), cache.in_other_noise()
+    of_run = transients and noise_from_residual(base) and any(noise.events for noise in base.noise)
+    if of_run and not significant_effects(screen(base, transients, cache=cache)):
+        # the noise of a run's event is what the tip lacks there, in which an effect that explains it may not show
+        progress("events, and the noise beside them")
+        outside = base.in_noise([noise.without_events for noise in base.noise])
+        chosen = search_subsets(outside, transients, silent, cache.in_other_noise()).chosen
+        base = base.in_noise(chosen.fit.noise) if chosen.ids else base
     selection = search_subsets(base, candidates, progress, cache)
     noise = noise_without_transients(selection.chosen.fit)
     if noise is None:

@@ -12,16 +12,14 @@ from diagnosis.comparison.validation import ValidationFit, non_excited_noise, va
 from diagnosis.screening.null_model import ScreeningCache
 from diagnosis.screening.score_test import ScoreTest, refit_initial_values, screen, significant_effects
 from diagnosis.subset_search import effect_with_offsets
-from estimation.fit import Fit, residual_with_tones
+from estimation.fit import Fit
 from estimation.least_squares.estimates import Estimate
 from estimation.model_response import predicted_readings
 from estimation.multiplicity import chi_square_penalty
-from estimation.noise.noise_estimation import estimate_noise
 from estimation.noise.recording_noise import RecordingNoise
 from estimation.recordings.recording import Recording
 from modeling.chain.effect import Effect, NuisanceValues
 from modeling.effects import catalogue
-from modeling.noise import NoiseSource
 from modeling.space import Space
 
 
@@ -64,11 +62,11 @@ class HeldOut:
 
     def reestimated(self, fit: Fit) -> HeldOut:
         """The recording with its disturbances and its noise without them re-estimated, given a fit."""
+        from estimation.transients import noise_beside_events  # of effects alone
+
         carried = self.validation_fit(fit)
         start = {p.name: carried.values[p.name] for e in self.disturbances for p in e.qualified(fit.model.space)}
-        repeats = self.noise.source is NoiseSource.REPEATS
-        noise = estimate_noise(self.recording, residual_with_tones(carried, 0)) if repeats else self.noise
-        return replace(self, noise=noise, start=start)
+        return replace(self, noise=noise_beside_events(carried, 0), start=start)
 
 
 # Recording-specific disturbances (drift, contact, payload, interference) of a held-out recording.

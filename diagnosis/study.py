@@ -30,11 +30,11 @@ from diagnosis.verdict.unexplained_residual import UnexplainedResidual, describe
 from estimation.case import Case
 from estimation.fit import (
     Fit,
+    as_reported,
     fit_case,
     in_noise_beside_pose,
     recordings_of,
     require_recording,
-    with_ordinary_estimate,
 )
 from estimation.reading.log_reading import read
 from estimation.recordings.recording import Recording, require_different_readings
@@ -354,7 +354,7 @@ class Study(Tabular):
         return self.steps[-1]
 
     def _step(self, change: str, fit: Fit) -> StudyStep:
-        fitted = with_ordinary_estimate(fit)
+        fitted = as_reported(fit)
         training = comparisons_of(fitted)
         validation = tuple(h.comparison(fitted) for h in self._held_out)
         return StudyStep(change, fitted, training, validation)

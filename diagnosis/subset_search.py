@@ -23,13 +23,14 @@ from diagnosis.screening.score_test import (
     significant_effects,
 )
 from diagnosis.screening.whitened_sensitivity import whitened_sensitivities
-from estimation.fit import Fit, in_noise_beside_pose, reestimated_noise, with_ordinary_estimate
+from estimation.fit import Fit, as_reported, in_noise_beside_pose, reestimated_noise, with_ordinary_estimate
 from estimation.multiplicity import bonferroni_p_value, bonferroni_threshold, chi2_sf, chi_square_penalty
 from modeling.chain.chain import Stage
 from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel
 from modeling.effects.sensor import SensorCrosstalk
 from modeling.errors import InputError
+from modeling.parameter import Role
 from modeling.significance import LEVELS
 
 # Nested test of the point of application: on the tip axis, or beside it.
@@ -64,11 +65,14 @@ def refit_in_own_noise(before: Fit, model: WrenchModel, start: dict[str, float])
     """A model refitted to the recordings of a fit in their noise, re-estimated where it comes from the residual.
 
     That of a model without the play of a large hysteresis takes most of it for noise, in which other widths fit as
-    well: the play is fitted by ordinary least squares first.
+    well: the play is fitted by ordinary least squares first. So does that of an event, in which a transient effect
+    hardly counts: it is fitted in the noise outside first.
     """
-    after = before.refitted(model, start)
     if not noise_from_residual(before):
-        return after
+        return before.refitted(model, start)
+    if any(effect.has_role(Role.ONSET, model.space) for effect in model.effects):
+        before = replace(before, problem=before.problem.in_noise([noise.without_events for noise in before.noise]))
+    after = before.refitted(model, start)
     after = with_ordinary_estimate(after) if any(e.stage is Stage.PLAY for e in model.effects) else after
     return in_noise_beside_pose(after.in_noise(reestimated_noise(after)))
 
@@ -193,8 +197,8 @@ class CandidateModel:
 
     @cached_property
     def reported_fit(self) -> Fit:
-        """Its fit as `fit` reports it: `with_ordinary_estimate`."""
-        return with_ordinary_estimate(self.fit)
+        """Its fit as `fit` reports it."""
+        return as_reported(self.fit)
 
     @cached_property
     def reported(self) -> tuple[Comparison, ...]:

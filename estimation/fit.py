@@ -18,7 +18,6 @@ from estimation.model_response import ModelResponse, model_response, predicted_r
 from estimation.noise.recording_noise import RecordingNoise, repeat_noise_floor, sample_step
 from estimation.parameter_layout import ParameterLayout, parameter_layout, require_known_start
 from estimation.recordings.recording import Recording
-from modeling.chain.chain import Stage
 from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel, require_model
 from modeling.errors import InputError, kind_of
@@ -42,8 +41,6 @@ Array = NDArray[np.float64]
 
 MAX_NOISE_ROUNDS = 4
 """Fits, each in the noise that the residual of the last one shows."""
-MIN_POWER_RATIO = 1.1
-"""Ratio of old to re-estimated noise power, in any channel, above which the fit, or the search, is repeated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +101,18 @@ class Fit(Solution, Estimates):
         names, held = [p.name for p in self.unknowns], set(self.held)
         free = [direction for direction in self.unidentifiable if held.isdisjoint(direction.names)]
         sentence = impossible_body(self.model, names, self.theta, self.covariance, free)
-        return [*super().remarks(), *([sentence] if sentence else [])]
+        return [*super().remarks(), *([sentence] if sentence else []), *self._event_remarks()]
+
+    def _event_remarks(self) -> Iterator[str]:
+        """What is said of the events of the recordings whose wrench is not constant."""
+        pushed = sum(p.role is Role.ONSET for p in self.unknowns) > 1
+        for recording, noise in zip(self.recordings, self.noise, strict=True):
+            for shape in noise.shapes:
+                when = f"from {shape.edges[0]:.3g} to {shape.edges[-1]:.3g} s of {recording.name}"
+                if shape.judged and pushed:
+                    yield f"the contact {when} is not constant: its wrench is the mean over that time"
+                else:
+                    yield f"what happened {when}, and does not repeat, is left out"
 
     def printed(self) -> list[Table | str]:
         """Table, remarks, and how far the residual is above the noise: stds of a model that does not fit mislead."""
@@ -373,14 +381,34 @@ def fit_case(
     if constraints is not None:
         constraints.region(layout)  # raises before any work when they are invalid or infeasible
     fitted = unchecked_fit(case, noise=noise, start=start, constraints=constraints)
-    without_transients = noise_without_transients(fitted) if noise is None else None
-    if without_transients is not None:
-        fitted = unchecked_fit(case, noise=without_transients, start=fitted.values, constraints=constraints)
+    for _ in range(MAX_NOISE_ROUNDS - 1 if noise is None and case.model.effects else 0):
+        from estimation.transients import noise_without_transients, values_in  # of effects alone
+
+        without_transients = noise_without_transients(fitted)
+        if without_transients is None:
+            break
+        start = values_in(without_transients, fitted)
+        fitted = unchecked_fit(case, noise=without_transients, start=start, constraints=constraints)
     given = noise is not None or constraints is not None
-    fitted = with_coloured_std(fitted) if given else with_ordinary_estimate(fitted)
+    fitted = as_reported(fitted, stated=given)
     if case.is_of_tool:
         require_positive_fitted_mass(fitted)
     return fitted
+
+
+def as_reported(fitted: Fit, *, stated: bool = False) -> Fit:
+    """The fit as it is reported: `with_ordinary_estimate`, or what was `stated` with the std of its colour; and the std
+    of onset times."""
+    reported = with_coloured_std(fitted) if stated else with_ordinary_estimate(fitted)
+    if not any(p.role is Role.ONSET and not p.fixed for p in reported.unknowns):
+        return reported
+    from estimation.transients import onset_stds  # of events alone
+
+    covariance, identifiable = reported.covariance.copy(), reported.identifiable.copy()
+    for place, std in onset_stds(reported).items():
+        covariance[place, :], covariance[:, place], identifiable[place] = 0.0, 0.0, True
+        covariance[place, place] = std**2
+    return replace(reported, covariance=covariance, identifiable=identifiable)
 
 
 def with_ordinary_estimate(fitted: Fit) -> Fit:
@@ -534,47 +562,3 @@ def reestimated_noise(estimated: Fit) -> tuple[RecordingNoise, ...]:
         estimate_noise(r, e, fitted, n.events, n.motion) if n.source is NoiseSource.RESIDUAL else n
         for r, e, n in zip(estimated.recordings, estimated.residuals, estimated.noise, strict=True)
     )
-
-
-def noise_without_transients(fit: Fit) -> tuple[RecordingNoise, ...] | None:
-    """Noise of a fit's recordings without the effects that it explains; None where it hardly changes.
-
-    A payload change or a contact has a broad spectrum, and what event detection missed of it was attributed to noise.
-    So was what any effect makes of repeats that moved differently, and how a play came into its steady state.
-    """
-    transient = any(e.has_role(Role.ONSET, fit.model.space) or e.stage is Stage.PLAY for e in fit.model.effects)
-    changed = [transient or (r.own_motion is not None and bool(fit.model.effects)) for r in fit.recordings]
-    if not any(changed):
-        return None
-    new_noise = tuple(_reestimated(fit, i) if new else fit.noise[i] for i, new in enumerate(changed))
-    ratios = [_power_ratio(old, new) for old, new in zip(fit.noise, new_noise, strict=True)]
-    return new_noise if max(ratios) > MIN_POWER_RATIO else None
-
-
-def _reestimated(fit: Fit, number: int) -> RecordingNoise:
-    """Noise of one recording, re-estimated; its detected events stay marked although the fit explains them."""
-    from estimation.noise.noise_estimation import estimate_noise
-
-    before = fit.noise[number]
-    if before.source is not NoiseSource.REPEATS:
-        return before
-    return replace(estimate_noise(fit.recordings[number], residual_with_tones(fit, number)), events=before.events)
-
-
-def residual_with_tones(fit: Fit, number: int) -> Array:
-    """Residual (n, p) of a fit without its tone effects: noise estimation excludes tones itself."""
-    model = fit.layout.models[number]
-    index = fit.layout.index[number]
-    values = {p.name: fit.theta[i] for p, i in zip(model.parameters, index, strict=True)}
-    effects = tuple(e for e in model.effects if not e.has_role(Role.FREQUENCY, model.space))
-    without_tones = replace(model, effects=effects)
-    theta = np.array([values[p.name] for p in without_tones.parameters])
-    return np.asarray(fit.recordings[number].wrench - predicted_readings(without_tones, fit.recordings[number], theta))
-
-
-def _power_ratio(old: RecordingNoise, new: RecordingNoise) -> float:
-    """Median over frequency of the ratio of the two power spectral densities; the largest over the channels."""
-    if not old.spectra or not new.spectra:
-        return 1.0
-    ratios = [np.median(a(new.frequency) / b(new.frequency)) for a, b in zip(old.spectra, new.spectra, strict=True)]
-    return float(max(ratios))

@@ -19,6 +19,7 @@ from estimation.multiplicity import bonferroni_p_value, chi2_sf, chi_square_p_va
 from estimation.noise.events_in_repeats import find_events_in_repeats
 from estimation.noise.power_spectrum import power_levels
 from estimation.noise.recording_noise import RecordingNoise, sample_step
+from estimation.noise.tones import without_shapes
 from estimation.noise.whitening import AutoregressiveWhitener, FourierLineWhitener
 from estimation.recordings.recording import Recording
 from estimation.recordings.sign_convention import in_sensor_frame
@@ -308,7 +309,8 @@ class Comparison(Tabular):
         """Intervals (s) in which one repeat deviates from the others, if the events of the noise are not explained."""
         if not self.noise.events or self.noise.source is not NoiseSource.REPEATS:
             return ()
-        left = find_events_in_repeats(self.recording, self.residual)
+        judged = [shape for shape in self.noise.shapes if shape.judged]
+        left = find_events_in_repeats(self.recording, without_shapes(self.residual, self.recording, judged))
         time = np.arange(self.recording.samples) * sample_step(self.recording)
         events, still = (
             np.any([(time >= begin) & (time < end) for begin, end in each] or [time < 0], axis=0)

@@ -56,6 +56,7 @@ def _recording_domain(fit: Fit, number: int) -> SearchDomain:
         end=recording.samples * (recording.dt or 0.0),
         reach=2 * (tip or UNSTATED_TIP),
         events=fit.noise[number].events,
+        contacts=tuple(shape.interval for shape in fit.noise[number].shapes if shape.judged),
         tones=(),
         largest=tuple(map(float, np.abs(recording.wrench).max(axis=0))),
         swing=tuple(map(float, np.ptp(load, axis=0) / 2)),
@@ -100,9 +101,12 @@ Array = NDArray[np.float64]
 
 MAX_MOVES = 8
 """Most steps of either size in refining onset times; grids of windows at detected events are finer."""
+WIDEST_REACH = 1 / 64
+"""Of the recording, by which the first step moves onset times at the most: half of what a grid's times are apart."""
 ONSET_REACHES = (4.0, 1.0)
-"""Samples that a step moves onset times at the most, in eighths of twice that. The first is for the noise of a filtered
-sensor: there high frequencies weigh most, the score oscillates along an onset, and its nearest maximum may be wrong."""
+"""Samples that the last steps move them at the most, each in eighths of twice its reach. The last but one is for the
+noise of a filtered sensor: there high frequencies weigh most, the score oscillates along an onset, and its nearest
+maximum may be wrong."""
 
 
 def grid_points(model: WrenchModel, effect: Effect, grid: Sequence[NuisanceValues]) -> list[GridPoint]:
@@ -208,14 +212,20 @@ def refine_onsets(null_model: NullModel, effect: Effect, start: NuisanceValues) 
     model = fit.model + effect
     parameters = model.effects[-1].qualified(model.space)
     times = [p.name for p in parameters if p.role is Role.ONSET]
-    steps = [r.dt for r in fit.recordings if r.dt is not None and r.repeats > 1]
-    if not times or not steps:
+    steps = [(r.dt, r.samples) for r in fit.recordings if r.dt is not None]
+    if not times or not steps or _is_given(fit, [start[name] for name in times]):
         return start
     short = {p.name: p.name.removeprefix(f"{effect.id}.") for p in parameters}
     nuisances = {p.name: start[p.name] for p in parameters if p.nuisance and not p.fixed}
+    step, samples = min(steps)
+    repeated = any(recording.repeats > 1 for recording in fit.recordings)
     reaches = ONSET_REACHES if any(noise.filtered for noise in fit.noise) else ONSET_REACHES[1:]
-    for reach in reaches:
-        shifts = list(product(reach * min(steps) * np.linspace(-1.0, 1.0, 9), repeat=len(times)))
+    wider = samples * WIDEST_REACH / 4.0 ** np.arange(8)
+    for reach in (*wider[wider > ONSET_REACHES[0]], *reaches):
+        moves = reach * step * np.linspace(-1.0, 1.0, 9)
+        shifts = list(product(moves, repeat=len(times)))
+        if reach > ONSET_REACHES[0] or not repeated:
+            shifts = [shift for shift in shifts if np.count_nonzero(shift) <= 1]
         for _ in range(MAX_MOVES):
             moved = [nuisances | {t: nuisances[t] + by for t, by in zip(times, shift, strict=True)} for shift in shifts]
             grid = [{short[name]: value for name, value in values.items()} for values in moved]
@@ -225,3 +235,8 @@ def refine_onsets(null_model: NullModel, effect: Effect, start: NuisanceValues) 
                 break
             nuisances = best
     return start | nuisances
+
+
+def _is_given(fit: Fit, times: Sequence[float]) -> bool:
+    """Whether times are those of an event whose shape is free."""
+    return any(shape.judged and list(shape.interval) == times for noise in fit.noise for shape in noise.shapes)

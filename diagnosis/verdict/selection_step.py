@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 class SelectionStep(ComparedFit):
     """The model after one more effect, compared with the training and the held-out recordings.
 
-    fit     as `fit` reports it: `with_ordinary_estimate`
+    fit     as `fit` reports it
     tested  the same model whitened by its noise, whose score tests and lack of fit the search has judged
     """
 

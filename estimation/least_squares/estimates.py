@@ -221,9 +221,14 @@ class Estimates(NamedEstimates, Tabular):
 
     @cached_property
     def unidentifiable(self) -> tuple[UnidentifiableDirection, ...]:
-        """Unidentifiable parameter combinations, of parameters that are not fixed."""
+        """Unidentifiable parameter combinations, of parameters that are not fixed, and of onsets of unknown std.
+
+        An onset whose std is known has no derivative, as its edge is between two samples.
+        """
         directions = unidentifiable_directions(self.scaled_svd, self.unknowns)
-        return tuple(d for d in directions if not any(p.fixed for p in d.parameters))
+        known = {p.name for p, is_known in zip(self.unknowns, self.identifiable, strict=True) if is_known}
+        onsets = {p.name for p in self.unknowns if p.role is Role.ONSET and p.name in known}
+        return tuple(d for d in directions if not any(p.fixed for p in d.parameters) and not onsets.issuperset(d.names))
 
     @cached_property
     def weakest(self) -> LeastCertainDirection | None:

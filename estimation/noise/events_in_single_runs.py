@@ -1,4 +1,4 @@
-"""Transient events in a single run: one interval with a constant wrench that the rigid tip cannot explain.
+"""Transient events in a single run: one interval with a wrench, or a mass, that the rigid tip cannot explain.
 
 Student's t, Bonferroni-corrected.
 """
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from estimation.model_response import model_response
 from estimation.multiplicity import student_isf
 from estimation.noise.transient_windows import Window, Windows, cumulative_sums, inside
-from estimation.parameter_layout import ParameterLayout, parameter_layout
+from estimation.parameter_layout import parameter_layout
 from estimation.recordings.recording import Recording
 from modeling.chain.model import WrenchModel
 from modeling.identifiability import ScaledSVD
@@ -37,15 +37,12 @@ COARSE_STEP = 6
 class BlockAverages:
     """Readings and regressor of recordings averaged over blocks, slow enough for a tool's load or an event.
 
-    reading (b, p), regressor (b, p, k) in the unknowns of the layout, owner (b,) the recording of each block
-    raw_spread (recordings, p): median over blocks of the raw samples' std about their block
+    reading (b, p), regressor (b, p, k) in the unknowns, owner (b,) the recording of each block
     """
 
-    unknowns: ParameterLayout
     reading: Array
     regressor: Array
     owner: NDArray[np.intp]
-    raw_spread: Array
 
     @cached_property
     def scale(self) -> Array:
@@ -59,13 +56,16 @@ class BlockAverages:
 
     def residual_without(self, left_out: NDArray[np.bool_]) -> Array:
         """Residual (b, p) of all blocks after a weighted fit to those not left out."""
+        return np.asarray(self.reading - self.regressor @ self.estimate_without(left_out))
+
+    def estimate_without(self, left_out: NDArray[np.bool_]) -> Array:
+        """The unknowns (k,) by a weighted fit to the blocks not left out."""
         used = ~left_out
-        rows = (self.regressor / self.scale[:, :, None])[used].reshape(-1, self.unknowns.size)
+        rows = (self.regressor / self.scale[:, :, None])[used].reshape(-1, self.regressor.shape[2])
         target = (self.reading / self.scale)[used].ravel()
         length = np.linalg.norm(rows, axis=0)
         length[length == 0] = 1.0
-        solution = np.linalg.lstsq(rows / length, target, rcond=SMALLEST_SINGULAR_VALUE)[0] / length
-        return np.asarray(self.reading - self.regressor @ solution)
+        return np.asarray(np.linalg.lstsq(rows / length, target, rcond=SMALLEST_SINGULAR_VALUE)[0] / length)
 
     def scaled_residuals_without(self, number: int, first: NDArray[np.intp], last: NDArray[np.intp]) -> Array:
         """Residuals (w, b', p) over `scale` of one recording's b' blocks, of w fits to the blocks of all recordings.
@@ -98,7 +98,7 @@ class BlockAverages:
     @cached_property
     def _orthonormal_columns(self) -> Array:
         """Of the weighted regressor, (b p, r), r its rank."""
-        rows = (self.regressor / self.scale[:, :, None]).reshape(-1, self.unknowns.size)
+        rows = (self.regressor / self.scale[:, :, None]).reshape(-1, self.regressor.shape[2])
         length = np.linalg.norm(rows, axis=0)
         left, values, _ = np.linalg.svd(rows / np.where(length > 0, length, 1.0), full_matrices=False)
         return np.asarray(left[:, values > SMALLEST_SINGULAR_VALUE * values[0]])
@@ -108,58 +108,89 @@ class BlockAverages:
 
         The inflation is 1 where the tip is not collinear with such a wrench, and grows without limit as it becomes so.
         """
-        p = self.reading.shape[1]
-        constant = inside[:, None, None] * np.eye(p)
-        rows = (np.concatenate([self.regressor, constant], axis=2) / self.scale[:, :, None]).reshape(
-            len(inside) * p, -1
-        )
-        orthonormal, root = np.linalg.qr(rows)
+        wrench, _, inflation = self._beside_tip(inside[:, None, None] * np.eye(self.reading.shape[1]))
+        return wrench, inflation
+
+    def weight_change(self, inside: NDArray[np.bool_], mass: int) -> tuple[float, float]:
+        """How far another mass in a window moves the readings, estimated together with the tip, and its inflation.
+
+        In `scale`, the root mean square over the window's blocks. `mass` is the place of the tip's among the unknowns.
+        """
+        change, length, inflation = self._beside_tip(inside[:, None, None] * self.regressor[:, :, [mass]])
+        return float(np.abs(change[0]) * length[0] / np.sqrt(inside.sum())), float(inflation[0])
+
+    def _beside_tip(self, columns: Array) -> tuple[Array, Array, Array]:
+        """Amounts (j,) of columns (b, p, j) estimated together with the tip, lengths in `scale`, and inflations."""
+        count = columns.shape[2]
+        rows = np.concatenate([self.regressor, columns], axis=2) / self.scale[:, :, None]
+        orthonormal, root = np.linalg.qr(rows.reshape(self.reading.size, -1))
         scaled_svd = ScaledSVD.of(root)
-        wrench = scaled_svd.inverse @ (orthonormal.T @ (self.reading / self.scale).ravel())
+        amounts = scaled_svd.inverse @ (orthonormal.T @ (self.reading / self.scale).ravel())
         inflation = scaled_svd.scale * np.sqrt(np.diag(scaled_svd.covariance))
-        return wrench[-p:], inflation[-p:]
+        return amounts[-count:], np.linalg.norm(root[:, -count:], axis=0), inflation[-count:]
 
 
 def find_events_in_single_runs(
     model: WrenchModel, recordings: Sequence[Recording]
 ) -> tuple[tuple[tuple[float, float], ...], ...]:
-    """At most one interval (s) per single run in which a constant wrench explains what the rigid tip cannot.
+    """At most one interval (s) per single run that a constant wrench, or another mass, explains, and the tip cannot.
 
     The window is the one without which the tip fits the other blocks best. It is an event when a constant wrench in
-    it, estimated together with the tip, is significant: Student's t with the larger of the std of the residual outside
-    and of the raw samples about their block, with as many degrees of freedom as there are independent blocks outside
-    (by their lag-one correlation), Bonferroni-corrected for channels and windows. Repeats detect far smaller events.
+    it, or a change of the mass, estimated together with the tip, is significant: Student's t with the larger of the std
+    of the residual outside, with as many degrees of freedom as there are independent blocks there (by their lag-one
+    correlation), and of its raw samples about their block; Bonferroni-corrected for channels, mass and windows. Repeats
+    detect far smaller events. A logged temperature may shift each channel.
     """
     single = [r.repeats == 1 and not r.at_rest and r.samples >= 10 * BLOCKS_PER_RUN for r in recordings]
     if not any(single):
         return ((),) * len(recordings)
-    averages = _block_averages(model.base, recordings)
+    runs, mass = _runs(model.base, recordings), [p.name for p in model.base.parameters].index("m")
+    averages = _block_averages(runs)
     events: list[tuple[tuple[float, float], ...]] = []
     for number, recording in enumerate(recordings):
-        window = _event_window(averages, number) if single[number] else None
+        window = _event_window(averages, number, runs[number], mass) if single[number] else None
         step = recording.samples / BLOCKS_PER_RUN * (recording.dt or 0.0)
         events.append(() if window is None else ((window[0] * step, window[1] * step),))
     return tuple(events)
 
 
-def _block_averages(model: WrenchModel, recordings: Sequence[Recording]) -> BlockAverages:
-    unknowns = parameter_layout(model, recordings)
-    readings, regressors, owners, spreads = [], [], [], []
+@dataclass(frozen=True, eq=False)
+class _Run:
+    """Readings (n, p) of a recording, regressor (n, p, k) in the unknowns of all, and the samples of each block."""
+
+    reading: Array
+    regressor: Array
+    blocks: Sequence[NDArray[np.intp]]
+
+
+def _runs(model: WrenchModel, recordings: Sequence[Recording]) -> list[_Run]:
+    """Each recording, its unknowns the model's and the shift of each channel with its temperature."""
+    unknowns, runs = parameter_layout(model, recordings), []
+    warm = ["temperature" in recording.auxiliary for recording in recordings]
+    size = unknowns.size + sum(w * len(r.channels) for r, w in zip(recordings, warm, strict=True))
+    place = unknowns.size
     for number, recording in enumerate(recordings):
+        channels = np.arange(len(recording.channels))
         response = model_response(unknowns.models[number], recording, np.zeros(len(unknowns.models[number].parameters)))
-        whole = np.zeros((recording.samples, len(recording.channels), unknowns.size))
-        whole[:, :, unknowns.index[number]] = response.derivative
+        regressor = np.zeros((recording.samples, len(channels), size))
+        regressor[:, :, unknowns.index[number]] = response.derivative
+        if warm[number]:
+            temperature = recording.signals["temperature"]
+            regressor[:, channels, place + channels] = (temperature - temperature.mean())[:, None]
+            place += len(channels)
         count = recording.samples if recording.at_rest else min(BLOCKS_PER_RUN, recording.samples)
-        parts = np.array_split(np.arange(recording.samples), count)
-        readings += [recording.wrench[rows].mean(axis=0) for rows in parts]
-        regressors += [whole[rows].mean(axis=0) for rows in parts]
-        owners += [number] * count
-        spreads.append(np.median([recording.wrench[rows].std(axis=0) for rows in parts], axis=0))
-    owner = np.array(owners, dtype=np.intp)
-    return BlockAverages(unknowns, np.array(readings), np.array(regressors), owner, np.array(spreads))
+        runs.append(_Run(recording.wrench, regressor, np.array_split(np.arange(recording.samples), count)))
+    return runs
 
 
-def _event_window(averages: BlockAverages, number: int) -> Window | None:
+def _block_averages(runs: Sequence[_Run]) -> BlockAverages:
+    readings = [run.reading[rows].mean(axis=0) for run in runs for rows in run.blocks]
+    regressors = [run.regressor[rows].mean(axis=0) for run in runs for rows in run.blocks]
+    owner = np.repeat(np.arange(len(runs)), [len(run.blocks) for run in runs])
+    return BlockAverages(np.array(readings), np.array(regressors), owner)
+
+
+def _event_window(averages: BlockAverages, number: int, run: _Run, mass: int) -> Window | None:
     in_run = np.flatnonzero(averages.owner == number)
     coarse = Windows.of_lengths(np.arange(COARSE_STEP, BLOCKS_PER_RUN + 1, COARSE_STEP), BLOCKS_PER_RUN, COARSE_STEP)
     best = coarse.best(_log_likelihoods(averages, number, coarse))
@@ -167,10 +198,17 @@ def _event_window(averages: BlockAverages, number: int) -> Window | None:
     first, last = near.best(_log_likelihoods(averages, number, near))
     event = inside([(in_run[0] + first, in_run[0] + last)], len(averages.owner))
     outside = averages.residual_without(event)[in_run][~event[in_run]]
-    wrench, inflation = averages.constant_wrench(event)
+    raw = run.reading - run.regressor @ averages.estimate_without(event)
+    kept = [rows for rows, left_out in zip(run.blocks, event[in_run], strict=True) if not left_out]
+    raw_spread = np.median([raw[rows].std(axis=0) for rows in kept], axis=0)
     tried = len(coarse) + (2 * COARSE_STEP - 1) ** 2
-    raw_spread = averages.raw_spread[number]
-    return (first, last) if _is_significant(wrench, inflation, outside, raw_spread, tried) else None
+    of_blocks, of_samples = _limits(outside, tried)
+    wrench, inflation = averages.constant_wrench(event)
+    change, of_change = averages.weight_change(event, mass)
+    spread = of_blocks * np.sqrt((outside**2).mean(axis=0))
+    pushed = np.any(np.abs(wrench) > inflation * np.maximum(spread, of_samples * raw_spread))
+    loaded = change > of_change * np.max(np.maximum(spread, raw_spread) / averages.scale[in_run[0]])
+    return (first, last) if pushed or loaded else None
 
 
 def _log_likelihoods(averages: BlockAverages, number: int, windows: Windows) -> Array:
@@ -193,10 +231,13 @@ def _log_likelihoods(averages: BlockAverages, number: int, windows: Windows) -> 
     return log_likelihoods[:-1]
 
 
-def _is_significant(wrench: Array, inflation: Array, outside: Array, raw_spread: Array, windows: int) -> bool:
-    """Whether a constant wrench exceeds Student's t limit for the residual outside the window and for the raw noise."""
-    spread = np.sqrt((outside**2).mean(axis=0))
-    correlation = np.clip((outside[1:] * outside[:-1]).mean(axis=0) / np.maximum(spread**2, 1e-300), 0.0, 0.99)
+def _limits(outside: Array, windows: int) -> tuple[Array, float]:
+    """Student's t that a wrench in a window reaches by chance: of the residual outside (b, p), and of raw samples.
+
+    The latter have as many degrees of freedom as blocks, whatever else is slow in the run.
+    """
+    power = np.maximum((outside**2).mean(axis=0), 1e-300)
+    correlation = np.clip((outside[1:] * outside[:-1]).mean(axis=0) / power, 0.0, 0.99)
     freedom = np.maximum(2.0, len(outside) * (1 - correlation) / (1 + correlation))
-    limit = student_isf(LEVELS.transient / 2 / (len(wrench) * windows), freedom)
-    return bool(np.any(np.abs(wrench) > limit * inflation * np.maximum(spread, raw_spread)))
+    level = LEVELS.transient / 2 / ((len(power) + 1) * windows)
+    return student_isf(level, freedom), float(student_isf(level, np.array([float(len(outside))]))[0])

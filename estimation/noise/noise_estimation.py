@@ -28,8 +28,15 @@ from estimation.noise.recording_noise import (
     stated_noise_floor,
     without_constant_channels,
 )
-from estimation.noise.tones import disturbance_basis, find_tones, sinusoids, without_sinusoids
-from estimation.noise.transient_windows import inside, samples_of
+from estimation.noise.tones import (
+    disturbance_basis,
+    find_tones,
+    shape_columns,
+    sinusoids,
+    without_shapes,
+    without_sinusoids,
+)
+from estimation.noise.transient_windows import EventShape, inside, samples_of
 from estimation.noise.whitening import AutoregressiveWhitener, FourierLineWhitener, PoseWhitener
 from estimation.recordings.recording import Recording
 from estimation.recordings.repeat_motion import NO_REPEATS, largest_deviation
@@ -46,16 +53,18 @@ COHERENCE_BANDS = 8
 """Frequency bands in each of which the channels' coherence is taken constant, at the most."""
 
 
-def noise_from_repeats(recording: Recording, residual: Array) -> RecordingNoise:
+def noise_from_repeats(recording: Recording, residual: Array, shapes: tuple[EventShape, ...] = ()) -> RecordingNoise:
     """Noise from what differs between the repeats of a residual (n, p), less recording-specific disturbances.
 
-    The floor is of the residual as it is: a model that explains a disturbance has it in neither.
+    The floor is of the residual as it is: a model that explains a disturbance has it in neither. Of `shapes` only noise
+    of repeats without pauses knows.
     """
-    from_lines = _from_non_excited_lines if recording.continuous else _from_separate_runs
-    return from_lines(recording, residual)
+    if recording.continuous:
+        return _from_non_excited_lines(recording, residual, shapes)
+    return _from_separate_runs(recording, residual)
 
 
-def _from_non_excited_lines(recording: Recording, residual: Array) -> RecordingNoise:
+def _from_non_excited_lines(recording: Recording, residual: Array, shapes: tuple[EventShape, ...]) -> RecordingNoise:
     """Noise from the non-excited lines, less recording-specific disturbances: drift, warm-up, events and tones.
 
     Projecting orthonormal columns Q out of noise of spectrum S leaves S (1 - h) at a line, h = sum |Q's line|² / n;
@@ -63,11 +72,12 @@ def _from_non_excited_lines(recording: Recording, residual: Array) -> RecordingN
     non-excited lines, where an effect may explain it; from the excited lines it is projected out, and all other tones
     from every row.
     """
-    tones = find_tones(recording, residual)
-    events = find_events_in_repeats(recording, without_sinusoids(residual, recording, tones))
+    remaining = without_shapes(residual, recording, shapes)
+    tones = find_tones(recording, remaining)
+    events = find_events_in_repeats(recording, without_sinusoids(remaining, recording, tones))
     n, repeats = len(residual), recording.repeats
-    disturbances = disturbance_basis(recording, events, tones)
-    smooth = disturbances if not events else disturbance_basis(recording, (), tones)
+    disturbances = disturbance_basis(recording, events, tones, shapes)
+    smooth = disturbances if not events and not shapes else disturbance_basis(recording, (), tones)
     removed, removed_by_smooth = (_share_of_lines(basis) for basis in (disturbances, smooth))
     lines = np.fft.rfft(residual - disturbances @ (disturbances.T @ residual), axis=0)
     index = np.arange(len(lines))
@@ -101,7 +111,7 @@ def _from_non_excited_lines(recording: Recording, residual: Array) -> RecordingN
     freedom = sum(s.freedom for s in spectra) / len(spectra) / len(non_excited)
     plain = FourierLineWhitener(n, repeats, excited, others, root * np.sqrt(1 - min(freedom, 0.5)))
     floor = repeat_noise_floor(recording, residual)
-    return _recording_noise(recording, floor, plain, spectra, ordered, events, tones)
+    return _recording_noise(recording, floor, plain, spectra, ordered, events, tones, shapes)
 
 
 def _share_of_lines(basis: Array) -> Array:
@@ -117,10 +127,13 @@ def _recording_noise(
     frequency: Array,
     events: tuple[tuple[float, float], ...] = (),
     tones: tuple[float, ...] = (),
+    shapes: tuple[EventShape, ...] = (),
 ) -> RecordingNoise:
-    """The noise with leakage and tones projected out; each line has two rows per channel, real parts first."""
+    """The noise with leakage, tones and shapes projected out; each line has two rows per channel, real parts first."""
     waves = [_in_each_channel(sinusoids(recording, [tone]), len(spectra)) for tone in tones]
-    projected, judged = (np.concatenate(waves, axis=2), waves[0].shape[2]) if waves else (None, 0)
+    judged = waves[0].shape[2] if waves else 0
+    waves += [_in_each_channel(shape_columns(recording, shapes), len(spectra))] if shapes else []
+    projected = np.concatenate(waves, axis=2) if waves else None
     whitener = without_leakage(plain, spectra, sample_step(recording), projected, judged=judged)
     variance = log_power_variances(spectra, frequency)
     return RecordingNoise(
@@ -132,6 +145,7 @@ def _recording_noise(
         events=events,
         frequency=frequency,
         tones=tones,
+        shapes=shapes,
     )
 
 
@@ -204,6 +218,7 @@ def estimate_noise(
     fitted: int = 0,
     events: tuple[tuple[float, float], ...] = (),
     motion: MotionNoise | None = None,
+    shapes: tuple[EventShape, ...] = (),
 ) -> RecordingNoise:
     """Noise of a recording from the residual (n, p) of any model of its periodic part.
 
@@ -212,13 +227,14 @@ def estimate_noise(
     else it is the std that the rig states per channel if it does, else an autoregression fitted to the residual, which
     then cannot test the size of that residual; `fitted` is the number of parameters behind it, `events` are intervals
     (s) of a run with noise of their own. To a stated std the noise of the `motion` of a run is added, with its colour;
-    a residual has it in itself, and only where the motion is less certain than usual its rows weigh less. A channel
+    a residual has it in itself, and only where the motion is less certain than usual its rows weigh less. Of repeats
+    events of any shape are left out, but for the wrench that a contact explains (`shapes`). A channel
     that never changes in a single run, or in poses at rest, has weight zero.
     """
     if recording.repeats > 1:
         _require_one_motion(recording)
         _require_nonzero_noise(recording)
-        return noise_from_repeats(recording, residual)
+        return noise_from_repeats(recording, residual, shapes)
     if recording.dwells is not None:
         return _noise_of_dwells(recording.dwells)
     stated = stated_noise_floor(recording)

@@ -18,6 +18,8 @@ from modeling.noise import FourierLines, NoiseModel, NoiseSource
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from estimation.noise.transient_windows import EventShape
+
 
 Array = NDArray[np.float64]
 
@@ -110,6 +112,7 @@ class RecordingNoise:
     events    intervals (s) of transient events, left out of the spectrum
     frequency Hz of each line of a line whitener, in its order
     motion    of the predicted readings by the noise of the measured motion (single runs only)
+    shapes    events whose wrench is not constant, left out of the spectrum and of the rows but for a mean wrench
     tones     Hz of the sinusoids detected on non-excited lines and left out of the spectrum, the strongest first
     beside_pose  whether it is what no function of the pose explains, where a residual at rest depends on the pose
     """
@@ -122,6 +125,7 @@ class RecordingNoise:
     events: tuple[tuple[float, float], ...] = ()
     frequency: Array = field(default_factory=lambda: np.zeros(0))
     tones: tuple[float, ...] = ()
+    shapes: tuple[EventShape, ...] = ()
     motion: MotionNoise | None = None
     beside_pose: bool = False
 
@@ -129,6 +133,13 @@ class RecordingNoise:
     def filtered(self) -> bool:
         """Whether the spectra fall below their leakage, as those of a filtered sensor do: `leakage_free`."""
         return any(spectrum.nyquist < inf for spectrum in self.spectra)
+
+    @property
+    def without_events(self) -> RecordingNoise:
+        """The noise of a run as it is outside its events, which stay marked."""
+        if not isinstance(self.whitener, AutoregressiveWhitener) or self.whitener.event_noise is None:
+            return self
+        return replace(self, whitener=replace(self.whitener, events=(), event_noise=None))
 
     @property
     def left_out(self) -> list[int]:

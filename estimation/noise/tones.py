@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from estimation.noise.power_spectrum import power_levels, smooth_power_spectra
 from estimation.noise.recording_noise import sample_step
+from estimation.noise.transient_windows import EventShape
 from estimation.recordings.recording import Recording
 from modeling.effects.disturbances import BiasDrift
 from modeling.significance import LEVELS
@@ -176,7 +177,7 @@ def find_tones(recording: Recording, residual: Array) -> tuple[float, ...]:
 
 def sinusoids(recording: Recording, frequencies: Sequence[float]) -> Array:
     """Sines and cosines (n, 2 k) of k frequencies (Hz) over a recording."""
-    time = np.arange(recording.samples) * sample_step(recording)
+    time = _time(recording)
     angle = 2 * np.pi * np.multiply.outer(time, np.asarray(frequencies, dtype=float))
     return np.hstack([np.sin(angle), np.cos(angle)])
 
@@ -194,14 +195,19 @@ DRIFT_DEGREE = BiasDrift().degree
 
 
 def disturbance_basis(
-    recording: Recording, events: Sequence[tuple[float, float]], tones: Sequence[float] = ()
+    recording: Recording,
+    events: Sequence[tuple[float, float]],
+    tones: Sequence[float] = (),
+    shapes: Sequence[EventShape] = (),
 ) -> Array:
-    """Orthonormal basis (n, k) of drift, auxiliary signals, events (s) and tones (Hz), less their mean over repeats."""
+    """Orthonormal basis (n, k) of drift, auxiliary signals, events (s), tones (Hz) and events of any shape, less their
+    mean over repeats."""
     n = recording.samples
     columns = list(np.polynomial.legendre.legvander(np.linspace(-1, 1, n), DRIFT_DEGREE)[:, 1:].T)
     columns += [recording.signals[name] for name in recording.auxiliary]
     columns += list(pulses(recording, events).T)
     columns += list(sinusoids(recording, tones).T)
+    columns += [column for shape in shapes for column in shape.columns(_time(recording)).T]
     series = np.stack(columns, axis=1)
     nonperiodic = series - recording.averaged(series)
     scale = np.linalg.norm(nonperiodic, axis=0)
@@ -212,6 +218,25 @@ def disturbance_basis(
 
 def pulses(recording: Recording, events: Sequence[tuple[float, float]]) -> Array:
     """Series (n, k) that are 1 during each of the events (s), else 0."""
-    time = np.arange(recording.samples) * sample_step(recording)
+    time = _time(recording)
     within = [(time >= start) & (time < end) for start, end in events]
     return np.stack(within, axis=1).astype(np.float64) if within else np.zeros((len(time), 0))
+
+
+def shape_columns(recording: Recording, shapes: Sequence[EventShape]) -> Array:
+    """Series (n, k) of what events of any shape have that no effect is judged by."""
+    columns = [shape.unjudged_columns(_time(recording)) for shape in shapes]
+    return np.hstack(columns) if columns else np.zeros((recording.samples, 0))
+
+
+def without_shapes(residual: Array, recording: Recording, shapes: Sequence[EventShape]) -> Array:
+    """A residual (n, p) less what events of any shape explain."""
+    if not shapes:
+        return residual
+    columns = shapes[0].columns(_time(recording))
+    return without_shapes(np.asarray(residual - columns @ (columns.T @ residual)), recording, shapes[1:])
+
+
+def _time(recording: Recording) -> Array:
+    """Seconds (n,) from the first sample."""
+    return np.asarray(np.arange(recording.samples) * sample_step(recording), dtype=np.float64)

@@ -13,17 +13,20 @@ differ because they know different things of the series:
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from modeling.effects.disturbances import RAMP_TIME
+
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 SampleMask = NDArray[np.bool_]
 Window = tuple[int, int]
+Interval = tuple[float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,3 +116,98 @@ def samples_of(event: tuple[float, float], step: float, samples: int) -> Window:
     """Samples of an event (s) in a series with this `step` (s); at least two."""
     first, last = (int(np.clip(round(edge / step), 0, samples)) for edge in event)
     return first, max(last, first + 2)
+
+
+SHAPE_DEGREE = 3
+"""Of the polynomial between two edges of an event: a half sine between its edges is followed to a thousandth."""
+MARGIN = 1 / 8
+"""Of an event's length, on either side of it, that its shape includes: where a slow push begins is lost in noise."""
+MAX_EDGES = 16
+"""Edges of an event: what has more levels and bends than these is no event of some shape, but something else."""
+LONGEST_EVENT = 0.5
+"""Of the recording: what lasts longer is no event."""
+DEPENDENT = 1e-6
+"""Singular value, of orthonormal columns less their mean, below which a direction is that mean."""
+
+
+@dataclass(frozen=True)
+class EventShape:
+    """An event whose wrench is not constant: a cubic between any two successive `edges` (s), and in a margin beside.
+
+    judged  whether its mean wrench is left to an effect, a contact from the first edge to the last
+    """
+
+    edges: tuple[float, ...]
+    judged: bool
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Its begin and end (s)."""
+        return self.edges[0], self.edges[-1]
+
+    @property
+    def margin(self) -> float:
+        """How far its shape reaches beyond either end, s."""
+        return MARGIN * (self.edges[-1] - self.edges[0])
+
+    def touches(self, event: tuple[float, float]) -> bool:
+        """Whether another event (s) is not farther from it than the margins of both."""
+        apart = self.margin + MARGIN * (event[1] - event[0])
+        return event[0] < self.edges[-1] + apart and event[1] > self.edges[0] - apart
+
+    def columns(self, time: Array) -> Array:
+        """Orthonormal series (n, k) over times (s) that span its shapes."""
+        parts = []
+        for start, end in pairwise((self.edges[0] - self.margin, *self.edges, self.edges[-1] + self.margin)):
+            rows = np.flatnonzero((time >= start) & (time < end))
+            if len(rows):
+                part = np.zeros((len(time), min(SHAPE_DEGREE + 1, len(rows))))
+                powers = np.polynomial.legendre.legvander(np.linspace(-1, 1, len(rows)), part.shape[1] - 1)
+                part[rows] = np.linalg.qr(powers)[0]
+                parts.append(part)
+        return np.hstack(parts) if parts else np.zeros((len(time), 0))
+
+    def unjudged_columns(self, time: Array) -> Array:
+        """Orthonormal series (n, k) of its shapes over times (s), of a judged one without the mean between its ends.
+
+        The samples in which a contact's pulse rises or falls are free, so that its times, which are given, are left.
+        """
+        columns = self.columns(time)
+        if not self.judged:
+            return columns
+        rises = [elapsed / float(RAMP_TIME) + 0.5 for elapsed in (time - self.edges[0], self.edges[-1] - time)]
+        pulse = np.clip(np.minimum(*rises), 0.0, 1.0)
+        partial = np.flatnonzero((pulse > 0) & (pulse < 1))
+        mean = pulse == 1
+        free = np.hstack([columns - np.outer(mean, mean @ columns) / mean.sum(), np.eye(len(time))[:, partial]])
+        left, values, _ = np.linalg.svd(free, full_matrices=False)
+        return np.asarray(left[:, values > DEPENDENT])
+
+
+def event_shapes(
+    shapes: Sequence[EventShape],
+    contact: Interval,
+    events: Sequence[Interval],
+    detected: Sequence[Interval],
+    longest: float,
+) -> tuple[EventShape, ...]:
+    """Shapes of the events of a recording, given those (s) that are left beside a contact (s), and beside `shapes`.
+
+    What touches the contact is of it, up to a length `longest` (s); any other is an event that no effect stands for.
+    Of the events that were `detected` before, only the ends of the contact are taken.
+    """
+    whole = [shape for shape in shapes if shape.judged] or [EventShape(contact, judged=True)]
+    whole += [shape for shape in shapes if not shape.judged]
+    for event in events:
+        of_it = [shape for shape in whole if shape.touches(event)] or [EventShape(event, judged=False)]
+        edges = sorted({*event, *(edge for shape in of_it for edge in shape.edges)})
+        if len(edges) <= MAX_EDGES and edges[-1] - edges[0] <= longest:
+            joined = EventShape(tuple(edges), of_it[0].judged)
+            whole = [joined if shape is of_it[0] else shape for shape in whole if shape not in of_it[1:]]
+            whole += [] if joined in whole else [joined]
+    first = whole[0]
+    if len(first.edges) == 2:
+        return tuple(whole[1:])
+    edges = sorted({*first.edges, *(edge for event in detected if first.touches(event) for edge in event)})
+    ends = {edges[0], edges[-1]} if edges[-1] - edges[0] <= longest else set()
+    return (EventShape(tuple(sorted({*first.edges, *ends})), judged=True), *whole[1:])

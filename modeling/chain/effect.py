@@ -29,6 +29,7 @@ class SearchDomain:
     start, end  time of the first and last sample, s
     reach       largest distance along the tip at which a force may act, m
     events      intervals (s) of detected transient events, where the recording differs from its other repeats
+    contacts    of these the intervals (s) of events of any shape, each of which a contact there explains
     tones       frequencies (Hz) of non-excited lines in the residual, largest first
     largest     per channel the largest |reading|, N or N m
     swing       per channel the amplitude (half peak-to-peak) of the predicted load, N or N m
@@ -41,6 +42,7 @@ class SearchDomain:
     end: float = 0.0
     reach: float = 0.5
     events: tuple[tuple[float, float], ...] = ()
+    contacts: tuple[tuple[float, float], ...] = ()
     tones: tuple[float, ...] = ()
     largest: tuple[float, ...] = ()
     swing: tuple[float, ...] = ()

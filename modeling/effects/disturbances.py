@@ -284,11 +284,14 @@ class ContactEvent(Effect):
         return replace(chain, force=chain.force + during * force, torque=chain.torque + during * torque)
 
     def nuisance_grid(self, domain: SearchDomain) -> tuple[NuisanceValues, ...]:
-        """Intervals of detected events, and those between the points of a grid of 17 times over the recording."""
+        """Intervals of detected events, and those between the points of a grid of 17 times over the recording.
+
+        Of an event of any shape the interval is known: a pulse anywhere within it would do as well.
+        """
         import numpy as np
 
         times = np.linspace(domain.start, domain.end, 17)
-        windows = [*domain.events, *combinations(map(float, times), 2)]
+        windows = domain.contacts or [*domain.events, *combinations(map(float, times), 2)]
         return tuple({"start": start, "end": end} for start, end in windows)
 
     def combination(self, points: Sequence[NuisanceValues]) -> GridSuperposition:

@@ -138,8 +138,9 @@ def test_an_onset_is_printed_no_finer_than_the_sampling_step() -> None:
     found = diagnosed(FOUND["contact_event"])
     start, step = found.fit.parameters["contact_event.start"], found.fit.recordings[0].dt
     assert step is not None
-    assert start.std < step == start.resolution == start.shown_std
-    assert f" start = {estimate_text(start.value, step, 's')} " in diagnosis_text(found)
+    assert start.std == pytest.approx(step)
+    assert start.resolution == step
+    assert f" start = {estimate_text(start.value, start.std, 's')} " in diagnosis_text(found)
     assert "when the contact begins, from the first row" in diagnosis_text(found)
     assert found.to_data()["parameters"]["contact_event.start"]["std"] == start.std
 

@@ -27,7 +27,7 @@ def averages(seed: int) -> BlockAverages:
     regressor = random.standard_normal((2 * BLOCKS, CHANNELS, UNKNOWNS.size))
     reading = regressor @ random.standard_normal(UNKNOWNS.size) + 0.1 * random.standard_normal((2 * BLOCKS, CHANNELS))
     reading[20:30] += 5.0
-    return BlockAverages(UNKNOWNS, reading, regressor, OWNER, np.ones((2, CHANNELS)))
+    return BlockAverages(reading, regressor, OWNER)
 
 
 def one_by_one(blocks: BlockAverages, number: int, first: NDArray[np.intp], last: NDArray[np.intp]) -> Array:
