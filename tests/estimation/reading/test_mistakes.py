@@ -151,7 +151,7 @@ MISTAKES: dict[str, tuple[Callable[[Columns], Columns], tuple[str, ...], str, st
     "millimetres": (lambda c: scaled(c, POSITION, 1e3), ("six axes",), "position is in mm", "position = .mm."),
     "w first": (w_first, SPATIAL, "quaternion is w x y z", "orientation = .wxyz."),
     "inverse": (lambda c: {**c, "qw": -c["qw"]}, SPATIAL, "that of the base in the sensor", "orientation_of = .base."),
-    "base axes": (turned, EVERY, "along base axes|along the axes of the base", "sensor's axes|wrench_axes = .base."),
+    "base axes": (turned, EVERY, "along base axes|along the axes of the base", "sensor's axes|wrench_axes"),
     "compensated": (compensated, EVERY, "compensated already", "by contact"),
     "saturated": (clipped, EVERY, "fy stays at its extreme value", "saturated"),
     "stuck": (stopped, EVERY, "fx (stops|never changes)", ""),

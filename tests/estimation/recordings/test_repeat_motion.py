@@ -19,7 +19,7 @@ from scipy.signal import butter, lfilter
 
 import truewrench as tw
 from benchmarks.robot_motions import NearlyRepeated
-from estimation.case import prepared
+from estimation.case import Case, prepared
 from estimation.model_response import model_response
 from estimation.recordings.reading_report import StepKind
 from estimation.recordings.recording import Recording
@@ -238,10 +238,13 @@ def test_a_constant_channel_neither_hinders_nor_decides() -> None:
 
 
 @pytest.mark.parametrize("value", [0.0, 0.37])
-def test_a_constant_channel_of_repeats_that_differ_is_refused_by_its_name(value: float) -> None:
-    frame = nearly_repeated(PlanarRig(), 3e-3).assign(tau=value)
-    with pytest.raises(InputError, match="tau"):
-        tw.fit(model_of(PlanarRig()), recorded(frame, PlanarRig()))
+def test_a_constant_channel_of_repeats_that_differ_is_named_and_weighs_nothing(value: float) -> None:
+    recording = recorded(nearly_repeated(PlanarRig(), 3e-3).assign(tau=value), PlanarRig())
+    (reading,) = Case.of(model_of(PlanarRig()), [recording]).readings
+    assert reading.id == "channel_constant"
+    assert "tau is no reading" in reading.sentence
+    fitted = tw.fit(model_of(PlanarRig()), recording)["m"]
+    assert abs(fitted.value - PlanarRig().mass) < 3 * fitted.std
 
 
 # ------------------------------------------------------------------------- repeats that are none
