@@ -107,6 +107,10 @@ ONSET_REACHES = (4.0, 1.0)
 """Samples that the last steps move them at the most, each in eighths of twice its reach. The last but one is for the
 noise of a filtered sensor: there high frequencies weigh most, the score oscillates along an onset, and its nearest
 maximum may be wrong."""
+ONSET_SCAN = 128
+"""Most places on either side, four samples or more apart, at which another maximum is looked for, as far as the next of
+a grid's times: in noise that was estimated with a time that is wrong the one at the right time is as narrow as thirty
+samples, and a load that is taken up where repeats meet has others a hundred samples beside it."""
 
 
 def grid_points(model: WrenchModel, effect: Effect, grid: Sequence[NuisanceValues]) -> list[GridPoint]:
@@ -221,10 +225,13 @@ def refine_onsets(null_model: NullModel, effect: Effect, start: NuisanceValues) 
     repeated = any(recording.repeats > 1 for recording in fit.recordings)
     reaches = ONSET_REACHES if any(noise.filtered for noise in fit.noise) else ONSET_REACHES[1:]
     wider = samples * WIDEST_REACH / 4.0 ** np.arange(8)
-    for reach in (*wider[wider > ONSET_REACHES[0]], *reaches):
-        moves = reach * step * np.linspace(-1.0, 1.0, 9)
-        shifts = list(product(moves, repeat=len(times)))
-        if reach > ONSET_REACHES[0] or not repeated:
+    eighths = np.linspace(-1.0, 1.0, 9)
+    first, last = ([reach * eighths for reach in each] for each in (wider[wider > ONSET_REACHES[0]], reaches))
+    apart = max(4.0, 2 * WIDEST_REACH * samples / ONSET_SCAN)
+    scan = apart * np.arange(-ONSET_SCAN, ONSET_SCAN + 1)
+    for moves in (*first, scan, *last):
+        shifts = list(product(step * moves, repeat=len(times)))
+        if moves[-1] > ONSET_REACHES[0] or not repeated:
             shifts = [shift for shift in shifts if np.count_nonzero(shift) <= 1]
         for _ in range(MAX_MOVES):
             moved = [nuisances | {t: nuisances[t] + by for t, by in zip(times, shift, strict=True)} for shift in shifts]
