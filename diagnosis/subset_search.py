@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from math import inf
+from math import inf, isclose
 
 import numpy as np
 
@@ -30,7 +30,7 @@ from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel
 from modeling.effects.sensor import SensorCrosstalk
 from modeling.errors import InputError
-from modeling.parameter import Role
+from modeling.parameter import Parameter, Role
 from modeling.significance import LEVELS
 
 # Nested test of the point of application: on the tip axis, or beside it.
@@ -100,18 +100,28 @@ def _score_test_p_value(fit: Fit, effect: Effect, cache: ScreeningCache) -> floa
 
 
 def _freed(fit: Fit, effect: Effect) -> Fit:
-    """The fit with the effect's fixed parameters free; itself where one of them ends on a bound."""
+    """The fit with the effect's fixed parameters free; itself where one ends on a bound other than it had."""
     free, fixed = effect.unrestricted(fit.model.space), _fixed_names(effect, fit.model)
     start = {name: value for name, value in fit.values.items() if name not in fixed}
     after = refit_in_own_noise(fit, _with(fit.model, free), start)
-    inside = all(after.values[p.name] not in p.bounds for p in free.qualified(fit.model.space) if p.name in fixed)
+    others = [(after.values[p.name], p) for p in free.qualified(fit.model.space) if p.name in fixed]
+    inside = all(value not in p.bounds or _is_nominal(value, p) for value, p in others)
     return after if inside else fit
 
 
+def _is_nominal(value: float, parameter: Parameter) -> bool:
+    """Whether a parameter stays where it is fixed, as the width of a narrow step does on its bound."""
+    return isclose(value, parameter.nominal, rel_tol=AT_BOUND)
+
+
 def _significantly_off(fit: Fit, names: tuple[str, ...]) -> bool:
-    """Whether the parameters are identifiable and differ significantly from where they are fixed."""
-    place = [list(fit.parameters).index(name) for name in names]
-    if not fit.identifiable[place].all():
+    """Whether the parameters are identifiable and differ significantly from where they are fixed.
+
+    One that is there, such as the width of a narrow step on its bound, says nothing of the others.
+    """
+    places = [list(fit.parameters).index(name) for name in names]
+    place = [i for i in places if fit.identifiable[i] or not _is_nominal(fit.theta[i], fit.unknowns[i])]
+    if not place or not fit.identifiable[place].all():
         return False
     nominal = np.array([fit.unknowns[i].nominal for i in place])
     values, covariance = fit.theta[place] - nominal, fit.covariance[np.ix_(place, place)]
@@ -122,6 +132,8 @@ DEPENDENT = 1e-3
 """Share of a column's length beside others, below which its element is one of theirs, or of the tool's parameters."""
 FORCE_FROM_TORQUE = "1/m"
 """Unit of such an element of crosstalk."""
+AT_BOUND = 1e-9
+"""Relative, of a value that an optimiser leaves on a bound."""
 BEAM_WIDTH = 2
 """Sets of effects kept at each size: where two effects look alike beside the base model, the true one is in either."""
 MAX_REFITS = 3

@@ -130,13 +130,15 @@ def find_it_yourself(names: dict[str, Any]) -> None:
 
 
 def measured_data(names: dict[str, Any]) -> None:
-    """The mass of the poses is what a plain least-squares look gives, the inertia is not seen, the touch is found."""
+    """The mass of the poses is that of plain least squares, the run's is near, no inertia is seen, the touch is found."""
     mass = names["static"]["m"]
     assert abs(mass.value - 0.934) < 0.005
     assert not np.isfinite(names["static"]["Ixx"].std)
     assert not names["touched"].at_rest
     assert names["contact"].intervals
-    assert abs(names["moving"]["m"].value - mass.value) > 2 * names["moving"]["m"].std  # the noise is not all
+    moving = names["moving"]["m"]
+    assert abs(moving.value - mass.value) < 2 * moving.std
+    assert moving.std > 5 * mass.std
 
 
 CLAIMS = {

@@ -91,6 +91,6 @@ print(f"mass of the tool, from the run alone: {moving['m'].value:.3f} ± {moving
 print(f"contacts found in the third run: {len(contact.intervals)}")
 
 # %% [markdown]
-# The two masses differ by more than two of their standard deviations, because these count the noise alone: the run's
-# motion does not tell the weight from the zero and the vibrations well enough, and the poses are the ones to believe.
+# The two masses agree within two of their standard deviations, and that of the run is ten times as large: its motion
+# does not tell the weight from the zero and the vibrations well enough, and the poses are the ones to believe.
 # Nobody has published the true mass. The inertia is in none of these recordings: they are too slow.
