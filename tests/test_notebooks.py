@@ -130,7 +130,7 @@ def find_it_yourself(names: dict[str, Any]) -> None:
 
 
 def measured_data(names: dict[str, Any]) -> None:
-    """The mass of the poses is that of plain least squares, the run's is near, no inertia is seen, the touch is found."""
+    """The mass of the poses is that of least squares, the run's is near, no inertia is seen, the touch is found."""
     mass = names["static"]["m"]
     assert abs(mass.value - 0.934) < 0.005
     assert not np.isfinite(names["static"]["Ixx"].std)
