@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from enum import Enum
+from functools import partial
 from pathlib import Path
 from shutil import get_terminal_size
 from threading import Event, Thread
@@ -162,10 +163,15 @@ def progress_line() -> Iterator[Callable[[str], None]]:
     if style is ProgressStyle.LINES:
         yield _log_lines()
     elif style is ProgressStyle.SILENT or not sys.stderr.isatty():
-        yield lambda message: None if stage is None else stage.__setitem__(0, message)
+        yield partial(_keep, stage)
     else:
         with _overwritten_line() as show:
             yield show
+
+
+def _keep(stage: list[str] | None, message: str) -> None:
+    if stage is not None:
+        stage[0] = message
 
 
 def _log_lines() -> Callable[[str], None]:
