@@ -37,13 +37,13 @@ MAX_TONES = 3
 
 def search_domain(null_model: NullModel, number: int, effect: Effect) -> SearchDomain:
     """Search domain of an effect in one of the fit's recordings, given the fit's residual."""
-    domain = _recording_domain(null_model.fit, number)
+    domain = recording_domain(null_model.fit, number)
     if effect.has_role(Role.FREQUENCY, null_model.fit.model.space):
         return replace(domain, tones=strongest_tones(null_model, number))
     return domain
 
 
-def _recording_domain(fit: Fit, number: int) -> SearchDomain:
+def recording_domain(fit: Fit, number: int) -> SearchDomain:
     """Search domain of one of the fit's recordings, without tones."""
     recording = fit.recordings[number]
     low, high = _position_box(recording)

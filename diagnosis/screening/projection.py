@@ -283,13 +283,16 @@ class ProjectedColumns:
 
     def noise_scores(self) -> Array:
         """The largest score over the grid in each noise draw, (NOISE_DRAWS,)."""
+        return np.asarray(self.noise_scores_by_point().max(axis=0))
+
+    def noise_scores_by_point(self) -> Array:
+        """The scores (g, NOISE_DRAWS) of noise draws."""
         null_model, choice = self.null_model, self.whitened.choice
         products = self.whitened.noise_inner_products(null_model.draws[null_model.index(choice)])
         raw = self._summed(products) / self.scale[:, :, None]
         if self._null_components.shape[2]:
             raw = raw - self._null_components @ null_model.draws_in_basis
-        score, _ = self._scored(raw)
-        return np.asarray(score.max(axis=0))
+        return self._scored(raw)[0]
 
     def columns(self, place: int) -> Array:
         """The score columns (r, a) of one point."""

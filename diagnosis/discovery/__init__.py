@@ -1,0 +1,1 @@
+"""The missing equation: terms of a grammar of the chain's quantities, tested as effects, held out on another motion."""

@@ -1,0 +1,392 @@
+"""Discover: an equation for what no effect explains, tested on another motion, or none."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.comparison.model_comparison import ModelComparison, compare_models
+from diagnosis.discovery.grammar import COMPLEXITY, ZERO, terms
+from diagnosis.discovery.quantities import DISTANCE, PLACE, WIDTH, Leaf, chain_leaves, signal_leaf
+from diagnosis.discovery.search import BEYOND, FoundTerm, ScoredTerm, TermSearch, best_term
+from diagnosis.progress import Progress, count_progress, silent
+from diagnosis.screening.grid_search import recording_domain
+from estimation.fit import Fit, fit, recordings_of
+from estimation.model_response import predicted_readings
+from estimation.recordings.recording import Recording, require_different_readings
+from modeling.chain.model import WrenchModel
+from modeling.errors import InputError
+from modeling.formulas.custom_effect import CustomEffect
+from modeling.number_format import P_VALUE
+from modeling.space import Space
+from modeling.table import Column, Table, Tabular
+
+Array = NDArray[np.float64]
+
+LITTLE_EXCITED = 20.0
+"""Drop of chi-square on the motions held out, with refitted amplitudes, below which they tell nothing of a term: a true one
+is found in half of the cases there."""
+MOST_TERMS = 3
+"""Terms that are looked for, each given the earlier ones."""
+TEMPERATURE = "temperature"
+AUXILIARY_UNITS = {TEMPERATURE: "K"}
+"""Units of columns that formulas may use, by name; any other is taken as it is, in a unit of its own."""
+
+
+@dataclass(frozen=True, eq=False)
+class FoundEquation:
+    """A term that was found, as a custom effect.
+
+    parameters    (value, std, unit) by name, of the fit of all terms
+    share         of the excess of chi-square on the fitted motion that it explains, given the earlier terms
+    held_out      the same on the motions held out, its parameters carried over
+    """
+
+    effect: CustomEffect
+    found: FoundTerm
+    parameters: Mapping[str, tuple[float, float, str]]
+    share: float
+    held_out: float
+
+    @property
+    def formula(self) -> str:
+        """Its equation."""
+        return self.found.best.scored.term.formula
+
+    @property
+    def kind(self) -> str:
+        """The stage that it is added to."""
+        return "zero" if self.found.best.scored.term.kind == ZERO else "tip_body"
+
+    def to_data(self) -> dict[str, Any]:
+        """As plain data: the format of `discover --json`."""
+        return {
+            "id": self.effect.id,
+            "formula": self.formula,
+            "kind": self.kind,
+            "complexity": self.found.best.scored.term.complexity,
+            "p_value": self.found.p_value,
+            "share": self.share,
+            "parameters": {
+                name: {"value": value, "std": std if np.isfinite(std) else None, "unit": unit}
+                for name, (value, std, unit) in self.parameters.items()
+            },
+            "held_out": {"share": self.held_out, "carried": True},
+            "alternatives": [
+                {"formula": other.term.formula, "odds": odds} for other, odds in self.found.alternatives
+            ],
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Discovery(Tabular):
+    """The terms that were found in recordings, in order; none where no term holds on the other motion.
+
+    first, last  the fit before, and with all terms
+    tested       number of terms of the grammar
+    complexity   up to which all of them were tested
+    depends_on   where no term was found, share of the residual's power on held-out blocks that each signal predicts
+    rejected     the last term that was significant on the fitted motion and does not hold on the others; None without
+    """
+
+    first: Fit
+    last: Fit
+    held_out: tuple[Recording, ...]
+    equations: tuple[FoundEquation, ...]
+    tested: int
+    complexity: int
+    depends_on: Mapping[str, float]
+    rejected: FoundTerm | None = None
+
+    @property
+    def found(self) -> bool:
+        """Whether there is a term."""
+        return bool(self.equations)
+
+    @property
+    def effects_toml(self) -> str:
+        """The terms as an effects file; empty without any."""
+        return "\n".join(effect_toml(equation.effect) for equation in self.equations)
+
+    def compared(self) -> ModelComparison:
+        """Both models on the recordings held out."""
+        return compare_models({"before": self.first, "after": self.last}, list(self.held_out))
+
+    @property
+    def table(self) -> Table:
+        """A row for each parameter of each term."""
+        columns = (
+            "equation",
+            "parameter",
+            Column("value", format=".4g"),
+            Column("std", format=".2g"),
+            "unit",
+            Column("p", format=P_VALUE),
+            Column("share", format=".1%"),
+            Column("held out", format=".1%"),
+        )
+        rows = [
+            (e.formula, name, value, std, unit, e.found.p_value, e.share, e.held_out)
+            for e in self.equations
+            for name, (value, std, unit) in e.parameters.items()
+        ]
+        return Table.of(columns, rows)
+
+    def remarks(self) -> list[str]:
+        """What else fits, what was tested, and what it is."""
+        held_out = ", ".join(recording.name for recording in self.held_out)
+        tested = f"{self.tested} terms of complexity up to {self.complexity} were tested"
+        if not self.found:
+            depends = ", ".join(f"{name} {share:.0%}".replace("%", " %") for name, share in self.depends_on.items())
+            on = f" What is left depends on {depends} (of its power, on blocks left out)." if depends else ""
+            none = f"none holds on {held_out}" if self.rejected else "none is significant"
+            return [f"No equation up to complexity {self.complexity}: {tested}, {none}.{self._of_rejected}{on}"]
+        lines = [f"{tested}; the parameters hold on {held_out}, without being fitted there."]
+        for equation in self.equations:
+            others = [f"{o.term.formula} (1 : {odds:.2g})" for o, odds in equation.found.alternatives]
+            if others:
+                lines.append(f"Not told apart from {equation.formula}: {'; '.join(others)}.")
+        if len(self.equations) > 1:
+            lines.append("Each term is given the earlier ones.")
+        return lines
+
+    @property
+    def _of_rejected(self) -> str:
+        """What the best term on the fitted motion is like on the others."""
+        if self.rejected is None:
+            return ""
+        best = self.rejected.best
+        if best.refitted < LITTLE_EXCITED:
+            why = "they hardly excite it: record a motion that does"
+        else:
+            why = f"there its constants explain {max(0.0, best.carried / best.refitted):.0%} of what others would"
+        return f" {best.scored.term.formula} is the likeliest on the fitted motion, and not on the others: {why}."
+
+    def printed(self) -> list[Table | str]:
+        """The table where there is anything, and the remarks."""
+        return [*([self.table] if self.found else []), *self.remarks()]
+
+    def to_data(self) -> dict[str, Any]:
+        """As plain data: the format of `discover --json`."""
+        return {
+            "found": self.found,
+            "complexity": self.complexity,
+            "tested": self.tested,
+            "terms": [equation.to_data() for equation in self.equations],
+            "depends_on": dict(self.depends_on),
+            "effects_toml": self.effects_toml,
+        }
+
+
+def discover(
+    model: WrenchModel | Fit,
+    recordings: Recording | Iterable[Recording],
+    *,
+    validate: Recording | Iterable[Recording],
+    complexity: int = COMPLEXITY,
+    progress: Progress = silent,
+) -> Discovery:
+    """Look for an equation of what a model leaves unexplained, and test it on another motion.
+
+    All terms of a grammar of the chain's quantities up to a complexity are scored beside the model, corrected for their
+    number; the best are refined, and carried over to the other motion, where a term has to hold with its constants as
+    they are. Up to three terms are found, each given the earlier ones.
+
+    Parameters
+    ----------
+    model : WrenchModel or Fit
+        The model, with the effects that are known.
+    recordings : Recording or iterable of Recording
+        Recordings to fit.
+    validate : Recording or iterable of Recording
+        Recordings of other motions, on which no term is fitted.
+    complexity : int, optional
+        Most leaves and operations of a term, by default 6.
+    progress : callable, optional
+        Called with one line of text at each stage; by default silent.
+
+    Returns
+    -------
+    Discovery
+        Terms with parameters, p-values, and what cannot be told from them; custom effects of an effects file.
+
+    Raises
+    ------
+    InputError
+        When there is no recording to validate, or one cannot be fitted.
+
+    Notes
+    -----
+    Whitened scores (C. R. Rao 1948) against the largest one of all terms in noise; odds by the Bayesian information
+    criterion, with a description length for each leaf and operation.
+    """
+    training, held_out = recordings_of(recordings, "discover"), recordings_of(validate, "discover")
+    if not held_out:
+        raise InputError(what="no other motion was given", where="validate", remedy="record one: a term is tested on it")
+    require_different_readings([*training, *held_out], "discover")
+    if not 2 <= complexity <= MOST_COMPLEX:
+        what = f"the complexity is {complexity}"
+        raise InputError(what=what, where="complexity", remedy=f"use 2 to {MOST_COMPLEX}")
+    progress("fit")
+    first = fitted = model if isinstance(model, Fit) else fit(model, training)
+    leaves, scalars, angles, inputs = recorded_leaves(fitted, held_out)
+    grammar = terms(leaves, scalars, angles, complexity)
+    equations: list[FoundEquation] = []
+    rejected: FoundTerm | None = None
+    for number in range(1, MOST_TERMS + 1):
+        search = TermSearch(fitted, leaves, shape_ranges(fitted))
+        others = [TermSearch(fit(first.model, without_terms(r, first, fitted)), leaves, {}) for r in held_out]
+        found = best_term(search, others, grammar, count_progress(progress, f"term {number}: score tests"))
+        if found is None or not found.best.holds:
+            rejected = found
+            break
+        progress(f"term {number}: refit with {found.best.scored.term.formula}")
+        effect_id = f"found_{number}"
+        after, effect = _refitted(fitted, found.best.scored, effect_id, leaves, inputs)
+        excess = max(search.null_model.cost - len(search.null_model.residual), found.best.scored.score)
+        beyond = sum(other.null_model.cost - len(other.null_model.residual) for other in others)
+        equations.append(
+            FoundEquation(
+                effect,
+                found,
+                {},
+                min(1.0, found.best.scored.score / excess),
+                min(1.0, max(0.0, found.best.carried) / max(beyond, found.best.carried, 1e-300)),
+            )
+        )
+        fitted = after
+    depends = {} if equations else depends_on(first)
+    done = tuple(_with_parameters(equation, fitted) for equation in equations)
+    return Discovery(first, fitted, tuple(held_out), done, len(grammar), complexity, depends, rejected)
+
+
+MOST_COMPLEX = 8
+"""Largest complexity: some 15 000 terms, minutes in six axes."""
+
+
+def recorded_leaves(
+    fitted: Fit, held_out: Sequence[Recording]
+) -> tuple[dict[str, Leaf], list[str], list[str], dict[str, str]]:
+    """Leaves of the grammar that all recordings have; which of them are scalars, which angles; units of other columns."""
+    space = fitted.model.space
+    several = [*fitted.recordings, *held_out]
+    signals = set.intersection(*(set(r.motion.model_signals) for r in several))
+    leaves = {name: leaf for name, leaf in chain_leaves(space).items() if leaf.signals <= signals}
+    scalars, inputs = [axis for axis in space.axes if axis in leaves], dict[str, str]()
+    for name in sorted(set.intersection(*(set(r.auxiliary) for r in several))):
+        if np.ptp(fitted.recordings[0].motion.model_signals[name]) > 0 and re.fullmatch("[a-z][a-z0-9_]*", name):
+            inputs[name] = AUXILIARY_UNITS.get(name, name)
+            leaves[name] = signal_leaf(name, inputs[name])
+    angles = sorted(name for name in signals if re.fullmatch(r"q\d+", name))
+    angles += ["phi"] if space is Space.PLANE and "phi" in signals else []
+    leaves |= {name: signal_leaf(name, "rad") for name in angles}
+    return leaves, [*scalars, *inputs], angles, inputs
+
+
+def shape_ranges(fitted: Fit) -> dict[str, tuple[float, float]]:
+    """Ranges (m) in which the parameters that terms are not linear in are sought, by name; that of an edge by axis."""
+    domain = recording_domain(fitted, 0)
+    ranges = {DISTANCE: (0.0, domain.reach)}
+    for axis, place, low, high in zip("xyz", PLACE, domain.low, domain.high, strict=False):
+        low, high = low - domain.reach, high + domain.reach
+        ranges |= {axis: (low, high), WIDTH: (0.0, domain.reach), place: (low - BEYOND * (high - low), high + BEYOND * (high - low))}
+    return ranges
+
+
+def without_terms(recording: Recording, first: Fit, fitted: Fit) -> Recording:
+    """A recording of another motion less what the terms found predict for it, their parameters as fitted."""
+    if fitted is first:
+        return recording
+    values = {name.partition("@")[0]: value for name, value in fitted.values.items()}
+    readings = [
+        predicted_readings(model, recording, np.array([values[p.name] for p in model.parameters]))
+        for model in (fitted.model, first.model)
+    ]
+    return recording.with_readings(recording.wrench - readings[0] + readings[1])
+
+
+def _refitted(
+    fitted: Fit, scored: ScoredTerm, effect_id: str, leaves: Mapping[str, Leaf], inputs: Mapping[str, str]
+) -> tuple[Fit, CustomEffect]:
+    """The fit with a term as an effect, begun at its estimates."""
+    space = fitted.model.space
+    shapes = {name: [value] for name, value in scored.shapes.items()}
+    effect = scored.term.effect(space, effect_id, leaves, inputs, shapes)
+    amounts = dict(zip(scored.term.amplitudes(space), scored.amounts.tolist(), strict=True))
+    own = {f"{effect_id}.{name}": value for name, value in (amounts | dict(scored.shapes)).items()}
+    return fit(fitted.model + effect, list(fitted.recordings), start=fitted.values | own), effect
+
+
+def _with_parameters(equation: FoundEquation, fitted: Fit) -> FoundEquation:
+    prefix = f"{equation.effect.id}."
+    parameters = {
+        name.removeprefix(prefix): (float(p.value), float(p.std), p.unit)
+        for name, p in fitted.parameters.items()
+        if name.startswith(prefix)
+    }
+    return FoundEquation(equation.effect, equation.found, parameters, equation.share, equation.held_out)
+
+
+# ------------------------------------------------------------------------- where no term was found
+
+BLOCKS = 10
+"""Successive blocks of a recording, of which every other one is predicted from the rest."""
+KNOTS = 6
+"""Of the piecewise linear function of a signal that is fitted."""
+WORTH_SAYING = 0.02
+"""Share of the power that a signal has to predict."""
+
+
+def depends_on(fitted: Fit) -> dict[str, float]:
+    """Share of the residual's power, weighted by the noise, that a function of each signal predicts on other blocks."""
+    recording, floor = fitted.recordings[0], fitted.noise_floor(0)
+    residual = recording.averaged(fitted.residuals[0]) / floor
+    residual = residual - residual.mean(axis=0)
+    samples = len(residual)
+    even = (np.arange(samples) * BLOCKS // samples) % 2 == 0
+    total, shares = float((residual**2).sum()), {}
+    excess = total - samples * residual.shape[1] / recording.repeats
+    if excess <= WORTH_SAYING * total:
+        return {}
+    for name, values in recording.motion.model_signals.items():
+        signal = values[:samples]
+        if name in ("order", "progress") or np.ptp(signal) == 0:
+            continue
+        knots = np.quantile(signal, np.linspace(0, 1, KNOTS))
+        basis = np.column_stack([np.interp(signal, knots, row) for row in np.eye(KNOTS)])
+        left = 0.0
+        for fitted_rows in (even, ~even):
+            weights = np.linalg.lstsq(basis[fitted_rows], residual[fitted_rows], rcond=None)[0]
+            left += float(((residual[~fitted_rows] - basis[~fitted_rows] @ weights) ** 2).sum())
+        share = (total - left) / excess
+        if share > WORTH_SAYING:
+            shares[name] = round(min(share, 1.0), 3)
+    return dict(sorted(shares.items(), key=lambda item: -item[1]))
+
+
+# ------------------------------------------------------------------------------------ as a TOML file
+
+
+def effect_toml(effect: CustomEffect) -> str:
+    """An effect as a table [[effect]] of an effects file."""
+    lines = ["[[effect]]"]
+    for key, value in effect.to_data().items():
+        lines.append(f"{key} = {_toml(value)}")
+    return "\n".join(lines) + "\n"
+
+
+def _toml(value: object) -> str:
+    """A value of a definition: text, number, list or table; no bound is inf."""
+    if isinstance(value, Mapping):
+        return "{ " + ", ".join(f"{name} = {_toml(each)}" for name, each in value.items()) + " }"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(_toml, value)) + "]"
+    if value is None:
+        return "inf"
+    return json.dumps(value, ensure_ascii=False)

@@ -1,0 +1,217 @@
+"""Terms of the grammar: forces, torques and zeros built of the chain's quantities, up to a stated complexity."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+from diagnosis.discovery.quantities import (
+    DISTANCE,
+    EDGE,
+    HARMONIC,
+    POWER,
+    SHAPES,
+    SIGN,
+    TOOL_CONSTANT,
+    WORLD_CONSTANT,
+    Components,
+    Leaf,
+    Quantity,
+    SymbolicLeaves,
+    constant,
+)
+from modeling import symbolic as sp
+from modeling.effects.loads import TIP_DISTANCE
+from modeling.formulas.custom_effect import CustomEffect
+from modeling.formulas.python_definition import formula_text
+from modeling.formulas.units import DIMENSIONLESS, Dimension, dimension
+from modeling.rigid_body import contact_components, contact_force_torque
+from modeling.space import FORCE_UNIT, TORQUE_UNIT, Space, signals, vector
+
+COMPLEXITY = 6
+"""Leaves and operations of a term, by default: |v|^3 v at a point has six, |w| (h x v) seven."""
+NORM_POWERS = (1, 2, 3, -1)
+SCALAR_POWERS = (1, 2, 3)
+"""Exponents of a vector's length, and of a scalar that has a sign."""
+PLACE_POWERS = (-1, -2, -3, -4)
+"""Exponents of the distance to a place, times the vector to it: |n|^-4 n falls with the third power, as a magnet's pull on
+iron nearby."""
+HARMONIC_ORDERS = (1, 2, 3, 4, 5, 6)
+"""Of an angle: gears and bearings have more, which two motions of a few seconds do not tell apart."""
+
+FORCE, TORQUE, ZERO = "force", "torque", "zero"
+
+
+@dataclass(frozen=True)
+class Term:
+    """One term of the grammar: an amplitude, or the components of a constant vector, times a quantity.
+
+    kind       "force" (on the tool), "torque" (on the tool, about the sensor) or "zero" (added to the readings)
+    quantity   a vector in tool axes; of a zero a scalar, with an amplitude for each channel
+    at_point   whether the force acts at a point at some distance along the tip, and the quantity is that of the point
+    kept       places of the amplitudes that it has, of all; None for all
+    """
+
+    kind: str
+    quantity: Quantity
+    at_point: bool = False
+    kept: tuple[int, ...] | None = None
+
+    def shapes(self, leaves: Mapping[str, Leaf]) -> tuple[str, ...]:
+        """Names of the parameters that it is not linear in, of `SHAPES`."""
+        used = frozenset[str]().union(*(leaves[name].shapes for name in self.quantity.leaves if name in leaves))
+        return tuple(name for name in SHAPES if name in (used | {DISTANCE} if self.at_point else used - {DISTANCE}))
+
+    @property
+    def complexity(self) -> int:
+        """Number of leaves and operations, with the point."""
+        return self.quantity.size + self.at_point
+
+    def all_amplitudes(self, space: Space) -> tuple[str, ...]:
+        """Names of all amplitudes that a term of its kind may have; those of a channel together."""
+        own = self.quantity.amplitudes
+        return own if self.kind != ZERO else tuple(f"{name}_{channel}" for channel in space.channels for name in own)
+
+    def amplitudes(self, space: Space) -> tuple[str, ...]:
+        """Names of its amplitudes."""
+        names = self.all_amplitudes(space)
+        return names if self.kept is None else tuple(names[place] for place in self.kept)
+
+    @property
+    def formula(self) -> str:
+        """As it is printed: F, T or the zero as a product."""
+        amplitude = "c " if self.quantity.amplitudes == ("c",) else ""
+        left = {FORCE: "F", TORQUE: "T", ZERO: "zero"}[self.kind]
+        return f"{left} = {amplitude}{self.quantity.formula}" + (f" at {DISTANCE}" if self.at_point else "")
+
+    def units(self, space: Space) -> dict[str, str]:
+        """Unit of each amplitude."""
+        by_channel = space.channel_units
+        units = {}
+        for name in self.amplitudes(space):
+            of_target = {FORCE: FORCE_UNIT, TORQUE: TORQUE_UNIT}.get(self.kind) or by_channel[name.rsplit("_", 1)[1]]
+            units[name] = str(dimension(of_target) / self.quantity.dimension)
+        return units
+
+    def effect(
+        self,
+        space: Space,
+        effect_id: str,
+        leaves: Mapping[str, Leaf],
+        inputs: Mapping[str, str],
+        shapes: Mapping[str, Collection[float]],
+    ) -> CustomEffect:
+        """The term as a custom effect.
+
+        `inputs` are units of a recording's other columns, by name; `shapes` are values (m) to search of each parameter
+        that it is not linear in.
+        """
+        parameters: dict[str, Any] = dict(self.units(space))
+        present = set(parameters)
+        symbolic = SymbolicLeaves(leaves, at_point=self.at_point)
+
+        def value(suffix: str) -> Components:
+            names = {own: own + suffix for own in self.quantity.amplitudes}
+            chosen = {own: signals(name)[0] if name in present else sp.S.Zero for own, name in names.items()}
+            components = self.quantity.evaluated(symbolic.with_amplitudes(chosen))
+            return tuple(component * chosen.get("c", sp.S.One) for component in components)
+
+        if self.kind == ZERO:
+            stage, formulas = "zero", {channel: value(f"_{channel}")[0] for channel in space.channels}
+        else:
+            parts, nothing = vector(*value("")), vector(0, 0, 0)
+            arm = signals(DISTANCE)[0] * space.tip_axis if self.at_point else nothing
+            force, torque = (parts, arm.cross(parts)) if self.kind == FORCE else (nothing, parts)
+            stage, formulas = "tip_body", contact_values(space, force, torque)
+        for name in self.shapes(leaves):
+            bounds = {"bounds": list(TIP_DISTANCE.bounds)} if name == DISTANCE else {}
+            parameters[name] = {"unit": "m", "search": sorted(map(float, shapes[name])), **bounds}
+        used = {name: unit for name, unit in inputs.items() if name in self.quantity.leaves}
+        texts = {name: formula_text(formula) for name, formula in formulas.items() if formula != 0}
+        table = {"id": effect_id, "title": self.formula, "parameters": parameters, stage: texts}
+        more = {"inputs": used, "constants": symbolic.constants, "let": symbolic.steps}
+        return CustomEffect.from_data(table | {key: names for key, names in more.items() if names}, where=effect_id)
+
+
+def contact_values(space: Space, force: sp.Matrix, torque: sp.Matrix) -> dict[str, sp.Expr]:
+    """The components of a contact wrench, by name, of a force and a torque about the sensor in tool axes."""
+    names = contact_components(space)
+    symbols = signals(*names)
+    wrench = sp.Matrix.vstack(*contact_force_torque(space, symbols)).jacobian(sp.Matrix(symbols))
+    return dict(zip(names, wrench.T * sp.Matrix.vstack(force, torque), strict=True))
+
+
+# ------------------------------------------------------------------------------------------- enumeration
+
+VECTORS = ("v", "a", "w", "al", "up", "r", "e")
+MOVING = ("v", "a", "w", "al", "r")
+AXES = ("e", "up")
+
+
+def terms(leaves: Mapping[str, Leaf], scalars: Collection[str], angles: Collection[str], complexity: int) -> list[Term]:
+    """All terms up to a complexity, of the vectors of the chain and of these scalar signals and angles.
+
+    force, torque  V or S V; V a vector of the chain, a constant one, the cross product of two, or the part of one along
+                   the tip or along gravity
+    zero           S
+    S              a power of a scalar, its sign, a sinusoid of an angle, or the product of two scalars
+
+    Equal ones that follow from rules of the algebra are left out; others are merged by what they give
+    (`diagnosis/discovery/dictionary.py`).
+    """
+    named = {name: leaves[name].quantity for name in (*VECTORS, *scalars, *angles) if name in leaves}
+    directions = _vectors(named)
+    factors = _factors(named, [*scalars, *angles], angles)
+    plain = [s for s in factors if s.operation not in (POWER, SIGN, HARMONIC)]
+    products = [*factors, *(one.times(other) for one, other in combinations(plain, 2))]
+    found = [Term(ZERO, s) for s in products if s.size <= complexity]
+    for kind in (FORCE, TORQUE):
+        for direction in directions:
+            scaled = [direction]
+            scaled += [
+                s.times(direction)
+                for s in products
+                if s.size + direction.size + 1 <= complexity and not (s.has_constant and direction.has_constant)
+            ]
+            found += [Term(kind, quantity) for quantity in scaled]
+            if kind == FORCE:
+                found += [Term(kind, q, at_point=True) for q in scaled if q.size < complexity]
+    found += _of_a_place(named, leaves, complexity)
+    return sorted(found, key=lambda term: (term.complexity, term.formula))
+
+
+def _of_a_place(named: Mapping[str, Quantity], leaves: Mapping[str, Leaf], complexity: int) -> list[Term]:
+    """Forces that depend on the distance to a place in the world, or begin at a coordinate.
+
+    Towards the place, or against the velocity near it; in a constant direction, or against the velocity, beyond an edge.
+    """
+    near = leaves["n"].quantity
+    lengths = [near.norm().power(k) for k in PLACE_POWERS]
+    quantities = [near, *(s.times(v) for s in lengths for v in (near, named["v"]))]
+    edges = [leaf.quantity for leaf in leaves.values() if EDGE in leaf.shapes]
+    quantities += [s.times(v) for s in edges for v in (constant(WORLD_CONSTANT), named["up"], named["v"])]
+    forces = [Term(FORCE, q, at_point=at) for q in quantities for at in (False, True)]
+    return [term for term in forces if term.complexity <= complexity + 1]
+
+
+def _vectors(named: Mapping[str, Quantity]) -> list[Quantity]:
+    """Vectors of the chain, constant ones, their cross products, and parts along an axis."""
+    simple = [named[name] for name in VECTORS] + [constant(TOOL_CONSTANT), constant(WORLD_CONSTANT)]
+    crossed = [
+        one.cross(other)
+        for one, other in combinations(simple, 2)
+        if not (one.has_constant and other.has_constant) and {one.formula, other.formula} != {"e", TOOL_CONSTANT}
+    ]
+    along = [named[name].dot(named[axis]).times(named[axis]) for name in MOVING for axis in AXES]
+    return [*simple, *crossed, *along]
+
+
+def _factors(named: Mapping[str, Quantity], scalars: Collection[str], angles: Collection[str]) -> list[Quantity]:
+    """Powers of scalars, signs, and sinusoids of angles."""
+    lengths = [named[name].norm() for name in ("v", "a", "w", "al")]
+    signed = [named[name].dot(named[axis]) for name in MOVING for axis in AXES] + [named["e"].dot(named["up"])]
+    signed += [named[name] for name in scalars]
+    powers = [s.power(k) for s in lengths for k in NORM_POWERS] + [s.power(k) for s in signed for k in SCALAR_POWERS]
+    return [*powers, *(s.sign() for s in signed), *(named[a].harmonic(k) for a in angles for k in HARMONIC_ORDERS)]
