@@ -21,6 +21,7 @@ _NAMES: dict[str, tuple[str, ...]] = {
     "diagnosis.calibrate": ("calibrate",),
     "diagnosis.comparison.model_comparison": ("compare",),
     "diagnosis.diagnosis": ("diagnose",),
+    "diagnosis.discovery.discovery": ("discover",),
     "diagnosis.study": ("Study", "study"),
     "estimation.bootstrap": ("bootstrap",),
     "estimation.centre_of_mass": ("CentreOfMass",),
@@ -83,6 +84,7 @@ if TYPE_CHECKING:
     from diagnosis.calibrate import calibrate as calibrate
     from diagnosis.comparison.model_comparison import compare as compare
     from diagnosis.diagnosis import diagnose as diagnose
+    from diagnosis.discovery.discovery import discover as discover
     from diagnosis.study import Study as Study
     from diagnosis.study import study as study
     from estimation.bootstrap import bootstrap as bootstrap

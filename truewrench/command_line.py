@@ -27,6 +27,7 @@ COMMANDS = {
     "demo": command_parsers.demo,
     "import": command_parsers.import_recording,
     "diagnose": command_parsers.diagnose,
+    "discover": command_parsers.discover,
     "calibrate": command_parsers.calibrate,
     "fit": command_parsers.fit,
     "compare": command_parsers.compare,

@@ -15,6 +15,7 @@ from truewrench.options import (
     add_candidate_choice,
     add_custom_effects,
     add_effect_changes,
+    add_effect_ids,
     add_no_period,
     add_period,
     add_readings,
@@ -95,6 +96,30 @@ def diagnose(commands: Subcommands[Any]) -> argparse.ArgumentParser:
     command.add_argument("--out", type=Path, metavar="DIR", help="folder for report.html, result.json, model.json")
     add_report(command)
     add_workers(command, "accepted, and without effect: a diagnosis runs in one process")
+    command.add_argument("--json", action="store_true", help="print the result as JSON alone")
+    return command
+
+
+def discover(commands: Subcommands[Any]) -> argparse.ArgumentParser:
+    """Add `discover`."""
+    text = (
+        "Look for an equation of what a model leaves unexplained: all terms of a grammar of forces, torques and zeros"
+        " up to a complexity, tested on another motion with their constants as fitted."
+    )
+    command: argparse.ArgumentParser = commands.add_parser(
+        "discover", help="an equation for what no effect explains, or none", description=text
+    )
+    add_recordings(command)
+    add_period(command)
+    add_readings(command)
+    add_repeatable(command, "--validate", metavar="REC2", text="recording of another motion, on which terms are tested")
+    add_effect_ids(command, "--given", text="effect that the model has already")
+    add_custom_effects(command)
+    text = "model file of `fit --out` or `diagnose --out`: its effects are given, and its rig where --rig is not"
+    command.add_argument("--model", type=Path, metavar="MODEL.json", help=text)
+    text = "most leaves and operations of a term (default: %(default)s)"
+    command.add_argument("--complexity", type=_count, metavar="K", default=6, help=text)
+    command.add_argument("--out", type=Path, metavar="EFFECT.toml", help="effects file for the terms that were found")
     command.add_argument("--json", action="store_true", help="print the result as JSON alone")
     return command
 

@@ -30,8 +30,8 @@ from modeling.table import Column, Table, Tabular
 Array = NDArray[np.float64]
 
 LITTLE_EXCITED = 20.0
-"""Drop of chi-square on the motions held out, with refitted amplitudes, below which they tell nothing of a term: a true one
-is found in half of the cases there."""
+"""Drop of chi-square on the motions held out, with refitted amplitudes, below which they tell nothing of a term: there
+a true one is found in half of the cases."""
 MOST_TERMS = 3
 """Terms that are looked for, each given the earlier ones."""
 TEMPERATURE = "temperature"
@@ -57,7 +57,7 @@ class FoundEquation:
     @property
     def formula(self) -> str:
         """Its equation."""
-        return self.found.best.scored.term.formula
+        return self.found.best.scored.term.printed(self.effect.spaces[0])
 
     @property
     def kind(self) -> str:
@@ -79,7 +79,8 @@ class FoundEquation:
             },
             "held_out": {"share": self.held_out, "carried": True},
             "alternatives": [
-                {"formula": other.term.formula, "odds": odds} for other, odds in self.found.alternatives
+                {"formula": other.term.printed(self.effect.spaces[0]), "odds": odds}
+                for other, odds in self.found.alternatives
             ],
         }
 
@@ -149,7 +150,9 @@ class Discovery(Tabular):
             return [f"No equation up to complexity {self.complexity}: {tested}, {none}.{self._of_rejected}{on}"]
         lines = [f"{tested}; the parameters hold on {held_out}, without being fitted there."]
         for equation in self.equations:
-            others = [f"{o.term.formula} (1 : {odds:.2g})" for o, odds in equation.found.alternatives]
+            others = [
+                f"{o.term.printed(self.first.model.space)} (1 : {odds:.2g})" for o, odds in equation.found.alternatives
+            ]
             if others:
                 lines.append(f"Not told apart from {equation.formula}: {'; '.join(others)}.")
         if len(self.equations) > 1:
@@ -166,7 +169,8 @@ class Discovery(Tabular):
             why = "they hardly excite it: record a motion that does"
         else:
             why = f"there its constants explain {max(0.0, best.carried / best.refitted):.0%} of what others would"
-        return f" {best.scored.term.formula} is the likeliest on the fitted motion, and not on the others: {why}."
+        formula = best.scored.term.printed(self.first.model.space)
+        return f" {formula} is the likeliest on the fitted motion, and not on the others: {why}."
 
     def printed(self) -> list[Table | str]:
         """The table where there is anything, and the remarks."""
@@ -228,15 +232,17 @@ def discover(
     """
     training, held_out = recordings_of(recordings, "discover"), recordings_of(validate, "discover")
     if not held_out:
-        raise InputError(what="no other motion was given", where="validate", remedy="record one: a term is tested on it")
+        raise InputError(
+            what="no other motion was given", where="validate", remedy="record one: a term is tested on it"
+        )
     require_different_readings([*training, *held_out], "discover")
     if not 2 <= complexity <= MOST_COMPLEX:
         what = f"the complexity is {complexity}"
         raise InputError(what=what, where="complexity", remedy=f"use 2 to {MOST_COMPLEX}")
     progress("fit")
     first = fitted = model if isinstance(model, Fit) else fit(model, training)
-    leaves, scalars, angles, inputs = recorded_leaves(fitted, held_out)
-    grammar = terms(leaves, scalars, angles, complexity)
+    leaves, angles, inputs = recorded_leaves(fitted, held_out)
+    grammar = terms(leaves, angles, list(inputs), complexity)
     equations: list[FoundEquation] = []
     rejected: FoundTerm | None = None
     for number in range(1, MOST_TERMS + 1):
@@ -246,7 +252,7 @@ def discover(
         if found is None or not found.best.holds:
             rejected = found
             break
-        progress(f"term {number}: refit with {found.best.scored.term.formula}")
+        progress(f"term {number}: refit with {found.best.scored.term.printed(fitted.model.space)}")
         effect_id = f"found_{number}"
         after, effect = _refitted(fitted, found.best.scored, effect_id, leaves, inputs)
         excess = max(search.null_model.cost - len(search.null_model.residual), found.best.scored.score)
@@ -270,15 +276,13 @@ MOST_COMPLEX = 8
 """Largest complexity: some 15 000 terms, minutes in six axes."""
 
 
-def recorded_leaves(
-    fitted: Fit, held_out: Sequence[Recording]
-) -> tuple[dict[str, Leaf], list[str], list[str], dict[str, str]]:
-    """Leaves of the grammar that all recordings have; which of them are scalars, which angles; units of other columns."""
+def recorded_leaves(fitted: Fit, held_out: Sequence[Recording]) -> tuple[dict[str, Leaf], list[str], dict[str, str]]:
+    """Leaves of the grammar that all recordings have; which of them are angles; units of other columns."""
     space = fitted.model.space
     several = [*fitted.recordings, *held_out]
     signals = set.intersection(*(set(r.motion.model_signals) for r in several))
     leaves = {name: leaf for name, leaf in chain_leaves(space).items() if leaf.signals <= signals}
-    scalars, inputs = [axis for axis in space.axes if axis in leaves], dict[str, str]()
+    inputs: dict[str, str] = {}
     for name in sorted(set.intersection(*(set(r.auxiliary) for r in several))):
         if np.ptp(fitted.recordings[0].motion.model_signals[name]) > 0 and re.fullmatch("[a-z][a-z0-9_]*", name):
             inputs[name] = AUXILIARY_UNITS.get(name, name)
@@ -286,7 +290,7 @@ def recorded_leaves(
     angles = sorted(name for name in signals if re.fullmatch(r"q\d+", name))
     angles += ["phi"] if space is Space.PLANE and "phi" in signals else []
     leaves |= {name: signal_leaf(name, "rad") for name in angles}
-    return leaves, [*scalars, *inputs], angles, inputs
+    return leaves, angles, inputs
 
 
 def shape_ranges(fitted: Fit) -> dict[str, tuple[float, float]]:
@@ -295,7 +299,11 @@ def shape_ranges(fitted: Fit) -> dict[str, tuple[float, float]]:
     ranges = {DISTANCE: (0.0, domain.reach)}
     for axis, place, low, high in zip("xyz", PLACE, domain.low, domain.high, strict=False):
         low, high = low - domain.reach, high + domain.reach
-        ranges |= {axis: (low, high), WIDTH: (0.0, domain.reach), place: (low - BEYOND * (high - low), high + BEYOND * (high - low))}
+        ranges |= {
+            axis: (low, high),
+            WIDTH: (0.0, domain.reach),
+            place: (low - BEYOND * (high - low), high + BEYOND * (high - low)),
+        }
     return ranges
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from itertools import combinations
@@ -26,7 +27,7 @@ from modeling import symbolic as sp
 from modeling.effects.loads import TIP_DISTANCE
 from modeling.formulas.custom_effect import CustomEffect
 from modeling.formulas.python_definition import formula_text
-from modeling.formulas.units import DIMENSIONLESS, Dimension, dimension
+from modeling.formulas.units import dimension
 from modeling.rigid_body import contact_components, contact_force_torque
 from modeling.space import FORCE_UNIT, TORQUE_UNIT, Space, signals, vector
 
@@ -36,10 +37,13 @@ NORM_POWERS = (1, 2, 3, -1)
 SCALAR_POWERS = (1, 2, 3)
 """Exponents of a vector's length, and of a scalar that has a sign."""
 PLACE_POWERS = (-1, -2, -3, -4)
-"""Exponents of the distance to a place, times the vector to it: |n|^-4 n falls with the third power, as a magnet's pull on
-iron nearby."""
-HARMONIC_ORDERS = (1, 2, 3, 4, 5, 6)
-"""Of an angle: gears and bearings have more, which two motions of a few seconds do not tell apart."""
+"""Exponents of the distance to a place, times the vector to it: |n|^-4 n falls with the third power, as the pull of a
+magnet on iron nearby."""
+HARMONIC_ORDERS = range(1, 25)
+"""Of an angle, by itself in a zero: those of a bearing, or of the teeth of a gear on the output side. What is faster
+needs a joint that moves by hundredths of a radian between samples."""
+LOW_ORDERS = (1, 2, 3)
+"""Of an angle, as a factor of a force or torque."""
 
 FORCE, TORQUE, ZERO = "force", "torque", "zero"
 
@@ -81,10 +85,23 @@ class Term:
 
     @property
     def formula(self) -> str:
-        """As it is printed: F, T or the zero as a product."""
+        """As it is printed: force, torque or zero as a product; of a zero the channels, where they are not all."""
         amplitude = "c " if self.quantity.amplitudes == ("c",) else ""
         left = {FORCE: "F", TORQUE: "T", ZERO: "zero"}[self.kind]
         return f"{left} = {amplitude}{self.quantity.formula}" + (f" at {DISTANCE}" if self.at_point else "")
+
+    def printed(self, space: Space) -> str:
+        """Its formula, with the channels of a zero and the parts of a sinusoid that it has."""
+        names = self.amplitudes(space)
+        formula = self.formula
+        if self.kind == ZERO:
+            channels = [c for c in space.channels if any(name.endswith(f"_{c}") for name in names)]
+            formula = formula.replace(
+                "zero", "zero" if len(channels) == len(space.channels) else ", ".join(channels), 1
+            )
+        parts = {name.split("_")[1] for name in names if name.startswith(("c_sin", "c_cos"))}
+        (part,) = parts if len(parts) == 1 else ("harmonic",)
+        return formula.replace(HARMONIC, "c sin" if part == "sin" else "c cos" if part == "cos" else part)
 
     def units(self, space: Space) -> dict[str, str]:
         """Unit of each amplitude."""
@@ -128,10 +145,15 @@ class Term:
         for name in self.shapes(leaves):
             bounds = {"bounds": list(TIP_DISTANCE.bounds)} if name == DISTANCE else {}
             parameters[name] = {"unit": "m", "search": sorted(map(float, shapes[name])), **bounds}
+        symbols = {s.name for formula in formulas.values() for s in formula.free_symbols}
+        steps = {name: step for name, step in symbolic.steps.items() if name in symbols}
+        for step in steps.values():
+            symbols |= set(re.findall(r"[A-Za-z_]\w*", step))
+        parameters = {name: value for name, value in parameters.items() if name in symbols}  # in the plane k has no z
         used = {name: unit for name, unit in inputs.items() if name in self.quantity.leaves}
         texts = {name: formula_text(formula) for name, formula in formulas.items() if formula != 0}
-        table = {"id": effect_id, "title": self.formula, "parameters": parameters, stage: texts}
-        more = {"inputs": used, "constants": symbolic.constants, "let": symbolic.steps}
+        table = {"id": effect_id, "title": self.printed(space), "parameters": parameters, stage: texts}
+        more = {"inputs": used, "constants": symbolic.constants, "let": steps}
         return CustomEffect.from_data(table | {key: names for key, names in more.items() if names}, where=effect_id)
 
 
@@ -150,23 +172,33 @@ MOVING = ("v", "a", "w", "al", "r")
 AXES = ("e", "up")
 
 
-def terms(leaves: Mapping[str, Leaf], scalars: Collection[str], angles: Collection[str], complexity: int) -> list[Term]:
-    """All terms up to a complexity, of the vectors of the chain and of these scalar signals and angles.
+def terms(
+    leaves: Mapping[str, Leaf],
+    angles: Collection[str],
+    columns: Collection[str],
+    complexity: int,
+) -> list[Term]:
+    """All terms up to a complexity, of the vectors of the chain, and of these angles and other columns.
 
     force, torque  V or S V; V a vector of the chain, a constant one, the cross product of two, or the part of one along
                    the tip or along gravity
     zero           S
-    S              a power of a scalar, its sign, a sinusoid of an angle, or the product of two scalars
+    S              a power of a scalar, its sign, a sinusoid of an angle, or the product of two scalars; of another
+                   column a power
 
     Equal ones that follow from rules of the algebra are left out; others are merged by what they give
     (`diagnosis/discovery/dictionary.py`).
     """
-    named = {name: leaves[name].quantity for name in (*VECTORS, *scalars, *angles) if name in leaves}
+    coordinates = [name for name in ("x", "y", "z") if name in leaves]
+    named = {name: leaves[name].quantity for name in (*VECTORS, *coordinates, *angles, *columns)}
     directions = _vectors(named)
-    factors = _factors(named, [*scalars, *angles], angles)
+    factors = _factors(named, [*coordinates, *angles], angles)
     plain = [s for s in factors if s.operation not in (POWER, SIGN, HARMONIC)]
     products = [*factors, *(one.times(other) for one, other in combinations(plain, 2))]
     found = [Term(ZERO, s) for s in products if s.size <= complexity]
+    higher = [named[angle].harmonic(order) for angle in angles for order in HARMONIC_ORDERS if order not in LOW_ORDERS]
+    of_columns = [named[name].power(k) for name in columns for k in SCALAR_POWERS]
+    found += [Term(ZERO, s) for s in (*higher, *of_columns) if s.size <= complexity]
     for kind in (FORCE, TORQUE):
         for direction in directions:
             scaled = [direction]
@@ -178,14 +210,16 @@ def terms(leaves: Mapping[str, Leaf], scalars: Collection[str], angles: Collecti
             found += [Term(kind, quantity) for quantity in scaled]
             if kind == FORCE:
                 found += [Term(kind, q, at_point=True) for q in scaled if q.size < complexity]
+    slowly = [s.times(vector) for s in of_columns for vector in directions if not vector.operands]
+    found += [Term(kind, q) for q in slowly for kind in (FORCE, TORQUE) if q.size <= complexity]
     found += _of_a_place(named, leaves, complexity)
-    return sorted(found, key=lambda term: (term.complexity, term.formula))
+    return sorted(dict.fromkeys(found), key=lambda term: (term.complexity, term.formula))
 
 
 def _of_a_place(named: Mapping[str, Quantity], leaves: Mapping[str, Leaf], complexity: int) -> list[Term]:
     """Forces that depend on the distance to a place in the world, or begin at a coordinate.
 
-    Towards the place, or against the velocity near it; in a constant direction, or against the velocity, beyond an edge.
+    Towards the place, or along the velocity near it; in a constant direction, or along the velocity, beyond an edge.
     """
     near = leaves["n"].quantity
     lengths = [near.norm().power(k) for k in PLACE_POWERS]
@@ -214,4 +248,4 @@ def _factors(named: Mapping[str, Quantity], scalars: Collection[str], angles: Co
     signed = [named[name].dot(named[axis]) for name in MOVING for axis in AXES] + [named["e"].dot(named["up"])]
     signed += [named[name] for name in scalars]
     powers = [s.power(k) for s in lengths for k in NORM_POWERS] + [s.power(k) for s in signed for k in SCALAR_POWERS]
-    return [*powers, *(s.sign() for s in signed), *(named[a].harmonic(k) for a in angles for k in HARMONIC_ORDERS)]
+    return [*powers, *(s.sign() for s in signed), *(named[a].harmonic(k) for a in angles for k in LOW_ORDERS)]

@@ -30,14 +30,15 @@ DISTANCE = "d"
 PLACE = ("x_0", "y_0", "z_0")
 """Parameters: a place in the world, m."""
 EDGE, WIDTH = "s_0", "w_0"
-"""Parameters: the coordinate (m) in the world from which something acts, and over which length (m) it comes to its full."""
+"""Parameters: the coordinate (m) in the world from which something acts, and the length (m) in which it comes to its
+full size."""
 SHAPES = (DISTANCE, *PLACE, EDGE, WIDTH)
 """Parameters that terms are not linear in."""
 TINY = 1e-6
 """In SI units, added (squared) to a norm that is divided by, as in the catalogue's drag."""
 SCALAR_SIZE = 2
-"""Complexity of a scalar that is one signal, as of the length of a vector: a joint's angle or a coordinate is chosen from
-more than a vector of the chain, and no law of a rigid tool knows it."""
+"""Complexity of a scalar that is one signal, as of the length of a vector: a joint's angle or a coordinate is one of
+more than the vectors of the chain, and no law of a rigid tool knows it."""
 POWER, SIGN = "power", "sign"
 TOOL_CONSTANT, WORLD_CONSTANT, HARMONIC = "h", "k", "harmonic"
 """What has amplitudes of its own: a constant vector in tool axes, one in the world, sine and cosine of an angle."""
@@ -267,9 +268,7 @@ class SampledLeaves(Leaves):
 
     functions = np
 
-    def __init__(
-        self, leaves: Mapping[str, Leaf], values: Signals, samples: int, shapes: Mapping[str, float]
-    ) -> None:
+    def __init__(self, leaves: Mapping[str, Leaf], values: Signals, samples: int, shapes: Mapping[str, float]) -> None:
         super().__init__(leaves)
         self._values, self._samples = values, samples
         self._theta = np.array([shapes.get(name, float(name == WIDTH)) for name in SHAPES])

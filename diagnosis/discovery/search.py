@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import groupby, product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -144,11 +145,13 @@ class TermSearch:
         return batches
 
     def _values(self, name: str, term: Term) -> Array:
-        """Values of a parameter at which a term is scored: the outermost at the ends of a range, of an edge within it."""
+        """Values of a parameter at which a term is scored: to the ends of a range, of an edge within it."""
         low, high = self._range(name, term)
         if name in (DISTANCE, WIDTH):
             return np.linspace(low, high, SEARCHED[name] + 1)[1:]
-        return np.linspace(low, high, SEARCHED[name] + 2)[1:-1] if name == EDGE else np.linspace(low, high, SEARCHED[name])
+        return (
+            np.linspace(low, high, SEARCHED[name] + 2)[1:-1] if name == EDGE else np.linspace(low, high, SEARCHED[name])
+        )
 
     def _range(self, name: str, term: Term) -> tuple[float, float]:
         return self._ranges[_edge(term) if name == EDGE else name]
@@ -161,7 +164,9 @@ class TermSearch:
             low, high = np.array([self._range(name, scored.term) for name in names]).T
             start = np.array([scored.shapes[name] for name in names])
             step = (high - low) / np.array([SEARCHED[name] for name in names]) / 2
-            simplex = np.vstack([start, *(start + side * np.diag(step)[i] for i, side in enumerate(_inward(start, low, high)))])
+            simplex = np.vstack(
+                [start, *(start + side * np.diag(step)[i] for i, side in enumerate(_inward(start, low, high)))]
+            )
 
             def cost(values: Array) -> float:
                 if np.any(values[width] <= 0):
@@ -169,7 +174,7 @@ class TermSearch:
                 nearby = self._at(scored.term, dict(zip(names, values.tolist(), strict=True)))
                 return 0.0 if nearby is None else -nearby.score
 
-            options = {"initial_simplex": simplex, "maxfev": REFINEMENTS, "xatol": 1e-4, "fatol": 1e-2}
+            options: Any = {"initial_simplex": simplex, "maxfev": REFINEMENTS, "xatol": 1e-4, "fatol": 1e-2}
             at_best = minimize(cost, start, method="Nelder-Mead", options=options).x
             best = self._at(scored.term, dict(zip(names, at_best.tolist(), strict=True))) or scored
         while len(best.amounts) > 1:
@@ -217,7 +222,9 @@ def _scored(projected: ProjectedColumns, place: int, term: Term, shapes: Mapping
 
 def _edge(term: Term) -> str:
     """The coordinate of a term that begins at an edge."""
-    return next(name.split("_")[1] for name in term.quantity.leaves if name.startswith(("over_", "under_", "onto_", "into_")))
+    return next(
+        name.split("_")[1] for name in term.quantity.leaves if name.startswith(("over_", "under_", "onto_", "into_"))
+    )
 
 
 def _inward(start: Array, low: Array, high: Array) -> Array:
@@ -265,7 +272,9 @@ def best_term(
     for each in refined:
         parts = np.array([other.held_out(each) for other in held_out])
         carried, best = parts[:, :2].sum(axis=0)
-        judged.append(HeldOutTerm(replace(each, level=level), carried, best, float(parts[:, 2].sum() / len(parts) ** 0.5)))
+        judged.append(
+            HeldOutTerm(replace(each, level=level), carried, best, float(parts[:, 2].sum() / len(parts) ** 0.5))
+        )
     judged.sort(key=lambda each: -each.evidence(rows))
     winner = judged[0]
     behind = [(each.scored, (winner.evidence(rows) - each.evidence(rows)) / 2) for each in judged[1:]]
@@ -281,7 +290,9 @@ def _distinct(scored: Sequence[ScoredTerm], rows: int) -> list[ScoredTerm]:
     """Terms without those that give the same as a simpler one, the best first."""
     chosen: list[ScoredTerm] = []
     for each in sorted(scored, key=lambda one: -one.evidence(rows)):
-        same = any(len(o.amounts) == len(each.amounts) and abs(o.score - each.score) < SAME * each.score for o in chosen)
+        same = any(
+            len(o.amounts) == len(each.amounts) and abs(o.score - each.score) < SAME * each.score for o in chosen
+        )
         if not same:
             chosen.append(each)
     return chosen

@@ -1,0 +1,94 @@
+"""Terms of the grammar: what is scored is the derivative of the custom effect that comes out."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from diagnosis.discovery.discovery import effect_toml, recorded_leaves
+from diagnosis.discovery.grammar import Term, terms
+from diagnosis.discovery.quantities import DISTANCE, EDGE, PLACE, WIDTH
+from diagnosis.discovery.term_columns import TermColumns
+from diagnosis.screening.null_model import NullModel, RowSet
+from diagnosis.screening.whitened_sensitivity import GridPoint, score_columns
+from estimation.fit import Fit, fit
+from modeling.space import Space
+from tests.shared.recordings import base, recorded
+from truewrench.files.effects_file import read_effects
+
+pytest.importorskip("mujoco")
+
+SHAPES = {DISTANCE: 0.13, **dict(zip(PLACE, (2.1, 1.7, 0.4), strict=True)), EDGE: 0.05, WIDTH: 0.3}
+SAMPLE = 12
+"""Terms of each space, drawn with a seed, besides one of every kind."""
+
+
+@cache
+def fitted(space: Space) -> Fit:
+    return fit(base(space), recorded(space, seed=1, motion=1, repeats=2))
+
+
+def sampled_terms(space: Space, fit_of: Fit) -> list[Term]:
+    """One term of every combination of leaves that a short one may have, and some of all."""
+    leaves, angles, inputs = recorded_leaves(fit_of, fit_of.recordings)
+    everything = terms(leaves, angles, list(inputs), 6)
+    chosen = [everything[place] for place in np.random.default_rng(3).choice(len(everything), SAMPLE, replace=False)]
+    wanted = ("F = c v x w at d", "F = c |n|^-3 n at d", "F = c into_y up at d", "T = h x w", "F = |v| k")
+    return chosen + [term for term in everything if term.formula in wanted]
+
+
+@pytest.mark.parametrize("space", Space)
+def test_columns_are_those_of_the_custom_effect(space: Space) -> None:
+    of = fitted(space)
+    leaves, _, inputs = recorded_leaves(of, of.recordings)
+    compared = 0
+    for term in sampled_terms(space, of):
+        shapes = {name: SHAPES[name] for name in term.shapes(leaves)}
+        columns = TermColumns(NullModel(of), leaves, shapes).projected([term]).whitened
+        if not columns.columns.any():
+            continue
+        effect = term.effect(space, "found_1", leaves, inputs, {name: [value] for name, value in shapes.items()})
+        model = of.model + effect
+        amplitudes = tuple(p for p in model.effects[-1].qualified(space) if not p.nuisance)
+        point = GridPoint({f"found_1.{name}": value for name, value in shapes.items()}, amplitudes)
+        derived = score_columns(of, model, [point], columns.choice)[:, 0]
+        names = [p.name.removeprefix("found_1.") for p in amplitudes]
+        shown = [name in names for name in term.amplitudes(space)]
+        assert [name for name in term.amplitudes(space) if name in names] == names, term.formula
+        scale = np.abs(derived).max()
+        np.testing.assert_allclose(columns.columns[:, 0, shown], derived, atol=1e-9 * scale, err_msg=term.formula)
+        assert not columns.columns[:, 0, np.logical_not(shown)].any(), term.formula
+        compared += 1
+    assert compared > SAMPLE / 2
+
+
+@pytest.mark.parametrize("space", Space)
+def test_all_terms_up_to_a_complexity(space: Space) -> None:
+    of = fitted(space)
+    leaves, angles, inputs = recorded_leaves(of, of.recordings)
+    shorter, longer = (terms(leaves, angles, list(inputs), size) for size in (4, 5))
+    assert len(set(longer)) == len(longer)
+    assert set(shorter) <= set(longer)
+    assert {term.complexity for term in shorter if term.complexity > 4} <= {5}  # of a place, or from an edge on
+
+
+@pytest.mark.parametrize("space", Space)
+def test_an_effects_file_gives_the_effect_again(space: Space, tmp_path: Path) -> None:
+    of = fitted(space)
+    leaves, _, inputs = recorded_leaves(of, of.recordings)
+    for term in sampled_terms(space, of)[-5:]:
+        shapes = {name: [SHAPES[name]] for name in term.shapes(leaves)}
+        effect = term.effect(space, "found_1", leaves, inputs, shapes)
+        path = tmp_path / "effect.toml"
+        path.write_text(effect_toml(effect), encoding="utf-8")
+        assert read_effects(path) == (effect,), term.formula
+
+
+def test_rows_of_a_periodic_term_are_those_of_the_motion() -> None:
+    of = fitted(Space.PLANE)
+    leaves, angles, inputs = recorded_leaves(of, of.recordings)
+    (drag,) = (term for term in terms(leaves, angles, list(inputs), 3) if term.formula == "F = c v")
+    assert TermColumns(NullModel(of), leaves, {}).projected([drag]).whitened.choice == (RowSet.EXCITED,)
