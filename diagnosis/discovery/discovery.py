@@ -229,6 +229,15 @@ def discover(
     -----
     Whitened scores (C. R. Rao 1948) against the largest one of all terms in noise; odds by the Bayesian information
     criterion, with a description length for each leaf and operation.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> rig = tw.Rig.read("rig.toml")
+    >>> training, other = (tw.read(f"{name}.csv", rig=rig) for name in ("train", "validate"))
+    >>> diagnosis = tw.diagnose(tw.planar(rig), training, validate=other)
+    >>> tw.discover(diagnosis.fit, training, validate=other, complexity=2).found
+    False
     """
     training, held_out = recordings_of(recordings, "discover"), recordings_of(validate, "discover")
     if not held_out:
