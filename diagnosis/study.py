@@ -19,6 +19,8 @@ from diagnosis.comparison.comparison import Comparison, comparisons_of, noise_fr
 from diagnosis.comparison.model_comparison import ModelComparison, compare_models
 from diagnosis.comparison.residual_map import ResidualMap, residual_maps
 from diagnosis.diagnosis import Diagnosis, diagnose_case
+from diagnosis.discovery.discovery import Discovery, discover
+from diagnosis.discovery.grammar import COMPLEXITY
 from diagnosis.held_out import HeldOut
 from diagnosis.progress import Progress, count_progress, silent
 from diagnosis.screening.null_model import ScreeningCache
@@ -296,6 +298,14 @@ class Study(Tabular):
             raise InputError(what="nothing to redo", where="study", remedy="undo a step first")
         self.steps, self._undone = (*self.steps, self._undone[-1]), self._undone[:-1]
         return self.steps[-1]
+
+    def discover(self, complexity: int = COMPLEXITY) -> Discovery:
+        """Look for an equation of what the current model leaves, tested on the recordings held out.
+
+        InputError without one of another motion.
+        """
+        others = [held_out.recording for held_out in self._held_out]
+        return discover(self.fit, self.fit.recordings, validate=others, complexity=complexity, progress=self._progress)
 
     def diagnose(self, *, workers: int = 1) -> Diagnosis:
         """Let the diagnosis go on from the current model; the effects that it adds become steps.

@@ -114,8 +114,8 @@ class TermSearch:
         for shapes, batch in counted(self._batches(terms), announce):
             projected = TermColumns(self.null_model, self._leaves, shapes).projected(batch)
             noise, ranks = projected.noise_scores_by_point(), projected.ranks
-            p_values = np.where(ranks[:, None] > 0, chi2_sf(noise, np.maximum(ranks, 1)[:, None]), 1.0)
-            smallest = np.minimum(smallest, p_values.min(axis=0))
+            for rank in np.unique(ranks[ranks > 0]):
+                smallest = np.minimum(smallest, chi2_sf(noise[ranks == rank].max(axis=0), float(rank)))
             for place, term in enumerate(batch):
                 scored = _scored(projected, place, term, shapes)
                 if scored is not None and (term not in best or scored.score > best[term].score):

@@ -302,4 +302,5 @@ def _evidence(diagnosis: Diagnosis) -> list[str]:
 
 
 def _unexplained_text(residual: UnexplainedResidual) -> str:
-    return f"Unexplained residual: {residual.text}."
+    further = "`truewrench discover` looks for an equation of it, which has to hold on a second motion."
+    return f"Unexplained residual: {residual.text}.\n{further}"

@@ -100,6 +100,16 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert np.isclose(term["parameters"]["d"]["value"], SPIN.d, atol=0.02)
 
 
+def test_a_study_looks_for_an_equation_beside_its_model() -> None:
+    training, other = (
+        recorded(Space.PLANE, SPIN, seed=motion, motion=motion, name=f"motion {motion}") for motion in (1, 2)
+    )
+    loop = tw.study(training.rig, training, validate=other, effects=[])
+    assert loop.discover(complexity=2).tested > 50
+    with pytest.raises(InputError, match="no other motion"):
+        tw.study(training.rig, training, effects=[]).discover()
+
+
 def test_bad_input() -> None:
     recording = recorded(Space.PLANE, seed=1, motion=1)
     with pytest.raises(InputError, match="no other motion was given"):
