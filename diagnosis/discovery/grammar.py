@@ -190,7 +190,8 @@ def terms(
     (`diagnosis/discovery/dictionary.py`).
     """
     coordinates = [name for name in ("x", "y", "z") if name in leaves]
-    named = {name: leaves[name].quantity for name in (*VECTORS, *coordinates, *angles, *columns)}
+    present = [name for name in VECTORS if name in leaves]  # without positions there is no velocity
+    named = {name: leaves[name].quantity for name in (*present, *coordinates, *angles, *columns)}
     directions = _vectors(named)
     factors = _factors(named, [*coordinates, *angles], angles)
     plain = [s for s in factors if s.operation not in (POWER, SIGN, HARMONIC)]
@@ -221,6 +222,8 @@ def _of_a_place(named: Mapping[str, Quantity], leaves: Mapping[str, Leaf], compl
 
     Towards the place, or along the velocity near it; in a constant direction, or along the velocity, beyond an edge.
     """
+    if "n" not in leaves or "v" not in leaves:
+        return []
     near = leaves["n"].quantity
     lengths = [near.norm().power(k) for k in PLACE_POWERS]
     quantities = [near, *(s.times(v) for s in lengths for v in (near, named["v"]))]
@@ -232,20 +235,22 @@ def _of_a_place(named: Mapping[str, Quantity], leaves: Mapping[str, Leaf], compl
 
 def _vectors(named: Mapping[str, Quantity]) -> list[Quantity]:
     """Vectors of the chain, constant ones, their cross products, and parts along an axis."""
-    simple = [named[name] for name in VECTORS] + [constant(TOOL_CONSTANT), constant(WORLD_CONSTANT)]
+    simple = [named[name] for name in VECTORS if name in named] + [constant(TOOL_CONSTANT), constant(WORLD_CONSTANT)]
     crossed = [
         one.cross(other)
         for one, other in combinations(simple, 2)
         if not (one.has_constant and other.has_constant) and {one.formula, other.formula} != {"e", TOOL_CONSTANT}
     ]
-    along = [named[name].dot(named[axis]).times(named[axis]) for name in MOVING for axis in AXES]
+    moving = [named[name] for name in MOVING if name in named]
+    along = [vector.dot(named[axis]).times(named[axis]) for vector in moving for axis in AXES]
     return [*simple, *crossed, *along]
 
 
 def _factors(named: Mapping[str, Quantity], scalars: Collection[str], angles: Collection[str]) -> list[Quantity]:
     """Powers of scalars, signs, and sinusoids of angles."""
-    lengths = [named[name].norm() for name in ("v", "a", "w", "al")]
-    signed = [named[name].dot(named[axis]) for name in MOVING for axis in AXES] + [named["e"].dot(named["up"])]
+    lengths = [named[name].norm() for name in ("v", "a", "w", "al") if name in named]
+    moving = [named[name] for name in MOVING if name in named]
+    signed = [vector.dot(named[axis]) for vector in moving for axis in AXES] + [named["e"].dot(named["up"])]
     signed += [named[name] for name in scalars]
     powers = [s.power(k) for s in lengths for k in NORM_POWERS] + [s.power(k) for s in signed for k in SCALAR_POWERS]
     return [*powers, *(s.sign() for s in signed), *(named[a].harmonic(k) for a in angles for k in LOW_ORDERS)]

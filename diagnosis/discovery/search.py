@@ -20,6 +20,7 @@ from diagnosis.screening.null_model import NullModel
 from diagnosis.screening.projection import PointTest, ProjectedColumns
 from estimation.fit import Fit
 from estimation.multiplicity import chi2_sf, normal_isf
+from modeling.effects.loads import TIP_DISTANCE
 from modeling.significance import LEVELS
 
 Array = NDArray[np.float64]
@@ -34,6 +35,8 @@ WITHIN = 0.5
 of a force towards one is half of what it is at its own."""
 SEARCHED = {DISTANCE: 3, EDGE: 7, WIDTH: 2, **dict.fromkeys(PLACE, 5)}
 """Values of each parameter that a term is not linear in, at which it is scored before it is refined."""
+LIMITS = {DISTANCE: TIP_DISTANCE.bounds, WIDTH: (1e-4, np.inf)}
+"""Of the parameters, m: a step in a tenth of a millimetre is one between any two samples."""
 BEYOND = 0.5
 """How far a place may be outside the box of the motion, in its size."""
 REFINEMENTS = 120
@@ -160,7 +163,6 @@ class TermSearch:
         """A term with its shapes refined, without amplitudes that are not worth their description."""
         best, names = scored, tuple(scored.shapes)
         if names:
-            width = [name == WIDTH for name in names]
             low, high = np.array([self._range(name, scored.term) for name in names]).T
             start = np.array([scored.shapes[name] for name in names])
             step = (high - low) / np.array([SEARCHED[name] for name in names]) / 2
@@ -169,13 +171,12 @@ class TermSearch:
             )
 
             def cost(values: Array) -> float:
-                if np.any(values[width] <= 0):
-                    return 0.0
                 nearby = self._at(scored.term, dict(zip(names, values.tolist(), strict=True)))
                 return 0.0 if nearby is None else -nearby.score
 
+            bounds = [LIMITS.get(name, (-np.inf, np.inf)) for name in names]
             options: Any = {"initial_simplex": simplex, "maxfev": REFINEMENTS, "xatol": 1e-4, "fatol": 1e-2}
-            at_best = minimize(cost, start, method="Nelder-Mead", options=options).x
+            at_best = minimize(cost, start, method="Nelder-Mead", bounds=bounds, options=options).x
             best = self._at(scored.term, dict(zip(names, at_best.tolist(), strict=True))) or scored
         while len(best.amounts) > 1:
             fewer = self._without_one(best)
