@@ -20,7 +20,6 @@ from diagnosis.screening.null_model import NullModel
 from diagnosis.screening.projection import PointTest, ProjectedColumns
 from estimation.fit import Fit
 from estimation.multiplicity import chi2_sf, normal_isf
-from modeling.effects.loads import TIP_DISTANCE
 from modeling.significance import LEVELS
 
 Array = NDArray[np.float64]
@@ -35,8 +34,8 @@ WITHIN = 0.5
 of a force towards one is half of what it is at its own."""
 SEARCHED = {DISTANCE: 3, EDGE: 7, WIDTH: 2, **dict.fromkeys(PLACE, 5)}
 """Values of each parameter that a term is not linear in, at which it is scored before it is refined."""
-LIMITS = {DISTANCE: TIP_DISTANCE.bounds, WIDTH: (1e-4, np.inf)}
-"""Of the parameters, m: a step in a tenth of a millimetre is one between any two samples."""
+NARROWEST = 1e-4
+"""Of a width, m: a step in a tenth of a millimetre is one between any two samples."""
 BEYOND = 0.5
 """How far a place may be outside the box of the motion, in its size."""
 REFINEMENTS = 120
@@ -68,7 +67,7 @@ class ScoredTerm:
 
     def evidence(self, rows: int) -> float:
         """Twice the log of its odds against nothing, description length counted (BIC), in `rows` lines."""
-        length = 2 * NODE * self.term.complexity + len(self.amounts) * np.log(rows)
+        length = 2 * NODE * self.term.complexity + (len(self.amounts) + len(self.shapes)) * np.log(rows)
         return float(self.score / self.level - length)
 
 
@@ -156,6 +155,12 @@ class TermSearch:
             np.linspace(low, high, SEARCHED[name] + 2)[1:-1] if name == EDGE else np.linspace(low, high, SEARCHED[name])
         )
 
+    def _limits(self, name: str) -> tuple[float, float]:
+        """Of a parameter in its refinement. A force far beyond the tool would be a torque."""
+        if name == DISTANCE:
+            return self._ranges[name]
+        return (NARROWEST if name == WIDTH else -np.inf), np.inf
+
     def _range(self, name: str, term: Term) -> tuple[float, float]:
         return self._ranges[_edge(term) if name == EDGE else name]
 
@@ -174,7 +179,7 @@ class TermSearch:
                 nearby = self._at(scored.term, dict(zip(names, values.tolist(), strict=True)))
                 return 0.0 if nearby is None else -nearby.score
 
-            bounds = [LIMITS.get(name, (-np.inf, np.inf)) for name in names]
+            bounds = [self._limits(name) for name in names]
             options: Any = {"initial_simplex": simplex, "maxfev": REFINEMENTS, "xatol": 1e-4, "fatol": 1e-2}
             at_best = minimize(cost, start, method="Nelder-Mead", bounds=bounds, options=options).x
             best = self._at(scored.term, dict(zip(names, at_best.tolist(), strict=True))) or scored
