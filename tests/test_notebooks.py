@@ -141,6 +141,18 @@ def measured_data(names: dict[str, Any]) -> None:
     assert moving.std > 5 * mass.std
 
 
+def no_name_for_it(names: dict[str, Any]) -> None:
+    """Nothing of the catalogue explains it; the equation that was hidden is found, and holds on a third motion."""
+    assert names["unknown"].verdict in (RecordVerdict.UNEXPLAINED, RecordVerdict.PARTLY_EXPLAINED)
+    (equation,) = names["found"].equations
+    assert equation.formula == "F = c v x w at d"
+    for name, true in {"c": -0.06, "d": 0.12}.items():
+        value, std, _ = equation.parameters[name]
+        assert abs(value - true) < 4 * std  # two: one in 8000 beyond
+    assert names["after_third"].lack_of_fit > 1e-3  # of a true model: one in 1000 below
+    assert not names["nothing"].found
+
+
 CLAIMS = {
     "01_the_chapter": the_chapter_checked,
     "02_first_diagnosis": first_diagnosis,
@@ -149,6 +161,7 @@ CLAIMS = {
     "05_design_under_limits": designed_motion,
     "06_contact_force": contact_force,
     "07_measured_data": measured_data,
+    "08_no_name_for_it": no_name_for_it,
 }
 
 
@@ -194,6 +207,7 @@ LONG = {
     "04_your_own_effect": 5,
     "05_design_under_limits": 17,
     "07_measured_data": 5,
+    "08_no_name_for_it": 20,
 }
 """Processor time, s. What they are made of has tests of its own."""
 
