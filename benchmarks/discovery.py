@@ -94,7 +94,7 @@ LAWS: Mapping[str, Callable[[Track], tuple[Array, Array]]] = {
     "rotor": _torque(lambda t: np.cross(_along(t), t.spin)),
     "cubic spin": _torque(lambda t: -(_size(t.spin) ** 2) * t.spin),
     "compass": _torque(lambda t: np.cross(_along(t), np.array([0.6, 0.8, 0.0]))),
-    "rudder": _force(lambda t: _size(t.velocity) * np.cross(_along(t), t.velocity)),
+    "rudder": _force(lambda t: np.cross(_along(t), t.velocity)),
 }
 READINGS: Mapping[str, tuple[str, Callable[[pd.DataFrame], Array]]] = {
     "seventh of a turn": ("fx", lambda f: np.sin(7 * f["q2"].to_numpy() + 0.4)),
@@ -114,7 +114,7 @@ FORMS: Mapping[str, tuple[Space, tuple[str, ...]]] = {
     "rotor": (Space.SPACE, ("T = h x w", "T = c w x e")),
     "cubic spin": (Space.SPACE, ("T = c |w|^2 w",)),
     "compass": (Space.SPACE, ("T = e x k",)),
-    "rudder": (Space.SPACE, ("F = c |v| (v x e) at d",)),
+    "rudder": (Space.SPACE, ("F = c v x e at d",)),
     "drag with height": (Space.SPACE, ("F = c z v at d", "F = c (r.up) v at d")),
 }
 """Space and formulas of each form: where there are two, they are the same."""
