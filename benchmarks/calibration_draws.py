@@ -11,22 +11,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfilt
-from scipy.stats import chi2
 
-from benchmarks.coverage import NOISES, RIGS, Setting, Silence, true_tool
+from benchmarks.coverage import NOISES, RIGS, Silence, true_tool
 from diagnosis.comparison.comparison import comparison_of
 from diagnosis.diagnosis import Diagnosis, diagnose
 from diagnosis.screening.score_test import ScoreTest, screen
 from diagnosis.verdict_rule import RecordVerdict
 from estimation.case import Case
 from estimation.fit import fit, unchecked_fit
-from estimation.multiplicity import bonferroni_level
+from estimation.multiplicity import bonferroni_level, gamma_isf
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
-from modeling.chain.model import WrenchModel
+from modeling.chain.model import WrenchModel, planar, spatial
 from modeling.effects import catalogue, named
 from modeling.parameter import Role
-from modeling.rig import Rig
+from modeling.rig import Convention, Rig, SensorDescription
 from modeling.significance import LEVELS
 from modeling.space import Space
 from truewrench import simulated_rig as simulated
@@ -190,7 +189,14 @@ class Draw:
 
     def model(self, *ids: str) -> WrenchModel:
         """The rigid tool with these effects."""
-        return Setting(space=self.space, added=ids).model
+        base = planar(self._described) if self.space is Space.PLANE else spatial(self._described)
+        return base + [named(i) for i in ids]
+
+    @property
+    def _described(self) -> Rig:
+        """What the fit knows of the rig: links and sign convention."""
+        links = self.rig.link_lengths if isinstance(self.rig, simulated.PlanarRig) else None
+        return Rig(link_lengths=links, sensor=SensorDescription(convention=Convention.ON_TOOL))
 
     @property
     def _motion(self) -> simulated.PeriodicMotion:
@@ -210,8 +216,7 @@ class Draw:
         series = noise.draw(np.random.default_rng([self.seed, stream]), len(frame), len(self.rig.channels))
         series *= (std / np.sqrt(np.mean(std**2)))[:, None] * np.array(self.rig.noise)
         columns |= {c: columns[c] + own for c, own in zip(self.rig.channels, series.T, strict=True)}
-        links = self.rig.link_lengths if isinstance(self.rig, simulated.PlanarRig) else None
-        return from_columns(columns, rig=Rig(link_lengths=links))
+        return from_columns(columns, rig=self._described)
 
 
 # -------------------------------------------------------------------------------------------- what is said of one
@@ -325,7 +330,7 @@ def posterior_ranks(
     scale = np.sqrt(np.diag(covariance))
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
     root = vectors * np.sqrt(np.maximum(values, 1e-12))
-    widths = np.sqrt(freedom / chi2.ppf(rng.random((DRAWS, 1)), freedom))
+    widths = np.sqrt(freedom / 2 / gamma_isf(rng.random((DRAWS, 1)), freedom / 2))
     draws = np.vstack([error / std, widths * (rng.standard_normal((DRAWS, len(error))) @ root.T)])
     distance = np.linalg.norm(np.linalg.solve(root, draws.T), axis=0)
     return (draws[1:] < draws[0]).sum(axis=0), int((distance[1:] < distance[0]).sum())
