@@ -65,13 +65,15 @@ KINDS = {
     "together": "distance over all parameters",
 }
 """Of parameters, and what a rank is of."""
+WIDTH, LEAST_SHARE = 1300, 1e-3
+"""Of a picture, CSS pixels; a share that is drawn where there is none, on a logarithmic axis."""
 STATED = {
     "lack of fit at 5 %": (0.0, 0.05),
     "false effect": (0.0, LEVELS.effect),
     "false lack of fit": (0.0, LEVELS.effect),
     "set named holds it": (0.95, 1.0),
-    "detectable: significant": (0.75, 0.85),
-    "detectable: named": (0.75, 0.85),
+    "found by score": (0.75, 0.85),
+    "found by name": (0.75, 0.85),
 }
 """Probabilities as they are stated, from and to."""
 
@@ -240,70 +242,87 @@ def _text(rate: Rate) -> str:
 
 
 def rank_chart(cells: Sequence[Cell], kind: str) -> Chart:
-    """A histogram for each kind of noise and number of repeats; what is not uniform is red."""
-    p_values = adjusted(cells)
+    """A histogram for each kind of noise and number of repeats, over the uniform one; what is not uniform is red."""
+    p_values, x = adjusted(cells), (np.arange(BINS) + 0.5) * (DRAWS + 1) / BINS
+    heights = [end * BINS / sum(h.counts) for c in cells if sum((h := c.histogram(kind)).counts)
+               for end in (*h.counts, h.band[1])]  # fmt: skip
 
     def panel(cell: Cell) -> Panel:
         histogram, p = cell.histogram(kind), p_values[cell.name, kind]
-        count, (low, high) = sum(histogram.counts), histogram.band
+        count = sum(histogram.counts)
+        low, high, *y = (end * BINS / max(count, 1) for end in (*histogram.band, *histogram.counts))
         colour = MISFIT_COLOUR if p < LEVELS.effect else ADEQUATE_COLOUR
-        x, y = (np.arange(BINS) + 0.5) * (DRAWS + 1) / BINS, np.array(histogram.counts, dtype=float)
-        band = Band(low=low, high=high, label=f"holds {BAND:.0%} of the histograms of uniform ranks")
-        marks = (band, Level(y=count / BINS, dashed=True), Line(x=x, y=y, colour=colour, steps=True, width=1.6))
+        band = Band(low=low, high=high, label=f"holds {BAND:.0%} of the histograms of n uniform ranks")
+        marks = (band, Level(y=1.0, dashed=True), Line(x=x, y=np.array(y), colour=colour, steps=True, width=1.6))
         return Panel(
-            marks=marks, title=f"{cell.name}: n {count}, p {p:.1g}", title_colour=colour, y_label="recordings",
-            x_label=f"rank among {DRAWS}", x_limits=(0, DRAWS + 1), y_limits=(0, 1.1 * max(high, *histogram.counts, 1)),
+            marks=marks, title=f"{cell.name}, n {count}, p {p:.1g}", title_colour=colour, y_label="count / uniform",
+            x_label=f"rank of the truth among {DRAWS} draws", x_limits=(0, DRAWS + 1),
+            y_limits=(0, 1.05 * max(heights, default=1.0)),
         )  # fmt: skip
 
-    title = f"Ranks of the truth: {KINDS[kind]}"
-    return Chart(rows=_rows(cells, panel), title=title, row_height=95, width=1080)
+    title = f"Ranks of the truth: {KINDS[kind]}. Red: p of uniform ranks (Holm over all pictures) below 1 %"
+    rows = [tuple(panel(c) for c in cells if c.noise == noise) for noise in dict.fromkeys(c.noise for c in cells)]
+    return Chart(rows=tuple(rows), title=title, row_height=95, width=WIDTH, shared_x=True, shared_y=True)
 
 
-def _rows(cells: Sequence[Cell], panel: Callable[[Cell], Panel]) -> tuple[tuple[Panel, ...], ...]:
-    """A row for each kind of noise."""
-    return tuple(tuple(panel(c) for c in cells if c.noise == noise) for noise in dict.fromkeys(c.noise for c in cells))
+def p_value_chart(cells: Sequence[Cell]) -> Chart:
+    """P-values of right models: a panel for each number of repeats, a line for each kind of noise."""
+
+    def panel(own: Sequence[Cell]) -> Panel:
+        levels, counts = np.geomspace(2e-3, 1.0, 60), [len(cell.fits) for cell in own]
+        low, high = (np.maximum(end / min(counts), LEAST_SHARE) for end in binom.interval(BAND, min(counts), levels))
+        shares = [[np.mean([f.lack_of_fit <= level for f in cell.fits]) for level in levels] for cell in own]
+        lines = [Line(x=levels, y=np.maximum(share, LEAST_SHARE), colour=colour, label=cell.noise)
+                 for cell, share, colour in zip(own, shares, COLOURS, strict=False)]  # fmt: skip
+        band = Band(x=levels, low=low, high=high, label=f"{BAND:.0%} of uniform p-values, at each level")
+        return Panel(
+            marks=(band, Line(x=levels, y=levels, colour=MUTED, dashed=True), *lines), x_log=True, y_log=True,
+            title=f"{_repeats(own)}, n {_span(counts)} each", x_label="level", y_label="share of p-values below",
+            x_limits=(2e-3, 1), y_limits=(LEAST_SHARE, 1.2),
+        )  # fmt: skip
+
+    title = "Lack of fit of right models"
+    return Chart(rows=(tuple(map(panel, _columns(cells))),), title=title, row_height=230, width=WIDTH)
 
 
 def reliability_chart(cells: Sequence[Cell]) -> Chart:
-    """A column for each number of repeats: p-values of right models, then each stated probability by kind of noise."""
-    columns = [[cell for cell in cells if cell.repeats == r] for r in dict.fromkeys(cell.repeats for cell in cells)]
-    rows = [tuple(_rate_panel(f"95 % interval, {kind}", (0.95, 0.95), own, [cell.inside(kind) for cell in own])
-                  for own in columns) for kind in list(KINDS)[:3]]  # fmt: skip
-    rows += [tuple(_rate_panel(name, ends, own, [cell.stated[name] for cell in own]) for own in columns)
-             for name, ends in STATED.items()]  # fmt: skip
+    """A row for each stated probability, a column for each number of repeats: how often it came true by noise."""
+    rows = [(f"95 % interval, {kind}", (0.95, 0.95), [[c.inside(kind) for c in own] for own in _columns(cells)])
+            for kind in list(KINDS)[:3]]  # fmt: skip
+    rows += [(name, ends, [[c.stated[name] for c in own] for own in _columns(cells)]) for name, ends in STATED.items()]
     return Chart(
-        rows=(tuple(map(_p_value_panel, columns)), *rows), row_height=110, width=1080,
-        title=f"Stated (grey) and observed, with intervals of {BAND:.0%}",
+        rows=tuple(_rate_row(name, ends, _columns(cells), rates) for name, ends, rates in rows), shared_x=True,
+        title=f"Stated (grey) and observed; red where the interval of {BAND:.0%} does not reach what is stated",
+        shared_y=True, row_height=110, width=WIDTH, legend=False,
     )  # fmt: skip
 
 
-def _p_value_panel(cells: Sequence[Cell]) -> Panel:
-    """Share of p-values of right models below each level, which is to be that level or less."""
-    levels, counts = np.geomspace(2e-3, 1.0, 60), [len(cell.fits) for cell in cells]
-    low, high = (np.maximum(end / min(counts), 1e-3) for end in binom.interval(BAND, min(counts), levels))
-    shares = [[np.mean([f.lack_of_fit <= level for f in cell.fits]) for level in levels] for cell in cells]
-    lines = [Line(x=levels, y=np.maximum(share, 1e-3), colour=colour, label=cell.noise)
-             for cell, share, colour in zip(cells, shares, COLOURS, strict=False)]  # fmt: skip
-    return Panel(
-        marks=(Band(x=levels, low=low, high=high), Line(x=levels, y=levels, colour=MUTED, dashed=True), *lines),
-        title=f"{_repeats(cells)}: p-values of right models, n {_span(counts)} each",
-        x_label="level", y_label="share below", x_log=True, y_log=True, x_limits=(2e-3, 1), y_limits=(1e-3, 1.2),
-    )  # fmt: skip
+def _rate_row(
+    name: str, ends: tuple[float, float], columns: Sequence[Sequence[Cell]], rates: Sequence[Sequence[Rate]]
+) -> tuple[Panel, ...]:
+    """Shares with their intervals by kind of noise, a panel for each number of repeats."""
+    seen = [end for own in rates for rate in own if rate.total for end in interval(rate)]
+    limits = (min([*ends, *seen]) - 0.03, max([*ends, *seen]) + 0.03)
+
+    def panel(cells: Sequence[Cell], own: Sequence[Rate]) -> Panel:
+        counted = [(i, rate.share, *interval(rate)) for i, rate in enumerate(own) if rate.total]
+        marks: list[Mark] = [Band(low=ends[0], high=ends[1]) if ends[1] > ends[0] else Level(y=ends[0], dashed=True)]
+        for colour, is_off in ((ADEQUATE_COLOUR, False), (MISFIT_COLOUR, True)):
+            those = [c for c in counted if (c[2] > ends[1] or c[3] < ends[0]) is is_off]
+            x, share, low, high = np.array(those, dtype=float).reshape(-1, 4).T
+            marks.append(Points(x=x, y=share, low=low, high=high, colour=colour, interval=f"{BAND:.0%}"))
+        return Panel(
+            marks=tuple(marks), title=f"{name}; {_repeats(cells)}, n {_span([rate.total for rate in own])}",
+            y_label="share", y_limits=limits, x_limits=(-0.5, len(cells) - 0.5),
+            x_ticks=tuple(cell.noise for cell in cells),
+        )  # fmt: skip
+
+    return tuple(map(panel, columns, rates))
 
 
-def _rate_panel(name: str, ends: tuple[float, float], cells: Sequence[Cell], rates: Sequence[Rate]) -> Panel:
-    """Shares with their intervals by kind of noise, red where the interval does not reach what is stated."""
-    counted = [(i, rate.share, *interval(rate)) for i, rate in enumerate(rates) if rate.total]
-    marks: list[Mark] = [Band(low=ends[0], high=ends[1]) if ends[1] > ends[0] else Level(y=ends[0], dashed=True)]
-    for colour, is_off in ((ADEQUATE_COLOUR, False), (MISFIT_COLOUR, True)):
-        own = [c for c in counted if (c[2] > ends[1] or c[3] < ends[0]) is is_off]
-        x, share, low, high = np.array(own, dtype=float).reshape(-1, 4).T
-        marks.append(Points(x=x, y=share, low=low, high=high, colour=colour, interval=f"{BAND:.0%}"))
-    return Panel(
-        marks=tuple(marks), title=f"{_repeats(cells)}: {name}, n {_span([rate.total for rate in rates])}",
-        y_label="share", y_limits=(-0.03, 1.03), x_limits=(-0.5, len(cells) - 0.5),
-        x_ticks=tuple(cell.noise for cell in cells),
-    )  # fmt: skip
+def _columns(cells: Sequence[Cell]) -> list[list[Cell]]:
+    """By number of repeats."""
+    return [[cell for cell in cells if cell.repeats == r] for r in dict.fromkeys(cell.repeats for cell in cells)]
 
 
 def _repeats(cells: Sequence[Cell]) -> str:
@@ -326,7 +345,8 @@ def main() -> None:
     size = SIZES["nightly" if options.nightly else "five minutes"]
     cells = run([(n, r) for n in options.noise for r in options.repeats], *size, options.workers)
     options.out.mkdir(parents=True, exist_ok=True)
-    charts = {f"ranks_{kind}": rank_chart(cells, kind) for kind in KINDS} | {"reliability": reliability_chart(cells)}
+    charts = {f"ranks_{kind}": rank_chart(cells, kind) for kind in KINDS}
+    charts |= {"p_values": p_value_chart(cells), "reliability": reliability_chart(cells)}
     for name, chart in charts.items():
         figure = matplotlib_figure(chart)
         for ending in ("png", "svg"):
