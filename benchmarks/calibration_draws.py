@@ -162,6 +162,7 @@ class Draw:
     effect: str
     share: float
     seed: int
+    moment: float
 
     @classmethod
     def of(cls, noise: str, repeats: int, number: int) -> Draw:
@@ -171,14 +172,19 @@ class Draw:
         period = PERIODS[rng.integers(len(PERIODS))] * (RUN if repeats == 1 else 1)
         ids = ["", *(i for i, hidden in HIDDEN.items() if hidden.amplitude[space is Space.SPACE])]
         rig, effect = drawn_rig(space, rng), ids[rng.integers(len(ids))]
-        return cls(noise, repeats, number, space, period, rig, effect, rng.uniform(0.5, 1.5), int(rng.integers(2**31)))
+        share, seed, moment = rng.uniform(0.5, 1.5), int(rng.integers(2**31)), rng.uniform(0.2, 0.8)
+        return cls(noise, repeats, number, space, period, rig, effect, share, seed, moment)
 
     @property
     def hidden(self) -> tuple[simulated.HiddenEffect, ...]:
-        """The effect at 0.5 to 1.5 times its usual size, with its place; none if it is nothing."""
+        """The effect at 0.5 to 1.5 times its usual size, with its place; none if it is nothing.
+
+        A load is taken up in the middle 60 % of the record, between two samples.
+        """
         if not self.effect:
             return ()
-        effect = HIDDEN[self.effect].made(self.share * HIDDEN[self.effect].usual, {})
+        time = {"time": self.moment * self.repeats * self.period} if self.effect == "payload_change" else {}
+        effect = HIDDEN[self.effect].made(self.share * HIDDEN[self.effect].usual, time)
         return simulated.resolve_effects(self.rig, self._motion, (effect,), repeats=self.repeats)
 
     @property
