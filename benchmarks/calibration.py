@@ -55,7 +55,7 @@ BINS = 10
 """Of a histogram, each of equally many ranks."""
 BAND = 0.99
 """Of bands, over all bins of a histogram together, and of the interval of each share."""
-REPEATS = (1, 2, 4, 8)
+REPEATS, ANY = (1, 2, 4, 8), "any noise"
 SIZES = {"five minutes": (24, 9), "nightly": (600, 225)}
 """Recordings fitted and diagnosed, of each kind of noise and number of repeats."""
 KINDS = {
@@ -65,7 +65,7 @@ KINDS = {
     "together": "distance over all parameters",
 }
 """Of parameters, and what a rank is of."""
-WIDTH, LEAST_SHARE = 1300, 1e-3
+WIDTH, LEAST_SHARE = 1500, 1e-3
 """Of a picture, CSS pixels; a share that is drawn where there is none, on a logarithmic axis."""
 STATED = {
     "lack of fit at 5 %": (0.0, 0.05),
@@ -113,7 +113,7 @@ def interval(rate: Rate) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Cell:
-    """What came of the recordings of one kind of noise and number of repeats, and how many were refused."""
+    """What came of the recordings of one kind of noise and number of repeats (0: of any), and how many were refused."""
 
     noise: str
     repeats: int
@@ -124,7 +124,7 @@ class Cell:
     @property
     def name(self) -> str:
         """Noise and repeats."""
-        return f"{self.noise}, {self.repeats} repeat{'s' * (self.repeats > 1)}"
+        return f"{self.noise}, {self.repeats or 'any'} repeat{'s' * (self.repeats != 1)}"
 
     def ranks(self, kind: str) -> list[Rank]:
         """Of one kind of parameter."""
@@ -211,6 +211,20 @@ def run(cells: Sequence[tuple[str, int]], fits: int, diagnoses: int, workers: in
     return [Cell(*cell, list(own.values()), said, fits + diagnoses - len(own) - len(said)) for cell, own, said in every]
 
 
+def with_margins(cells: Sequence[Cell]) -> list[Cell]:
+    """The cells, and those of each kind of noise, of each number of repeats, and of everything together."""
+    noises, repeats = dict.fromkeys(cell.noise for cell in cells), dict.fromkeys(cell.repeats for cell in cells)
+    margins = [*((noise, 0) for noise in noises), *((ANY, r) for r in repeats), (ANY, 0)]
+    return [*cells, *(_together(cells, noise, r) for noise, r in margins)]
+
+
+def _together(cells: Sequence[Cell], noise: str, repeats: int) -> Cell:
+    """Of one kind of noise, or any, and one number of repeats, or any."""
+    own = [c for c in cells if noise in (ANY, c.noise) and repeats in (0, c.repeats)]
+    told = enumerate(said for cell in own for said in cell.told.values())
+    return Cell(noise, repeats, [f for c in own for f in c.fits], dict(told), sum(c.refused for c in own))
+
+
 def adjusted(cells: Sequence[Cell]) -> dict[tuple[str, str], float]:
     """P-values of all histograms, Holm over them, by the cell's name and kind."""
     p_values = {(cell.name, kind): cell.histogram(kind).p_value for cell in cells for kind in KINDS}
@@ -218,19 +232,14 @@ def adjusted(cells: Sequence[Cell]) -> dict[tuple[str, str], float]:
 
 
 def tables(cells: Sequence[Cell]) -> tuple[Table, Table]:
-    """Ranks and intervals; what was stated, over all at the end."""
-    p_values, ranks, stated = adjusted(cells), [], []
+    """Ranks and intervals; what was stated."""
+    p_values, ranks = adjusted(cells), []
     for cell in cells:
         own = [(_text(cell.inside(k)), f"{cell.narrow(k):.2f}", f"{p_values[cell.name, k]:.1g}") for k in KINDS]
         ranks.append((cell.name, str(len(cell.fits)), *own[0], *own[1], *own[2], own[3][2]))
-        stated.append((cell.name, *map(_text, cell.stated.values())))
-    whole = [[cell.stated[name] for cell in cells] for name in STATED]
-    sums = [_text(Rate(sum(r.count for r in rates), sum(r.total for r in rates))) for rates in whole]
     header = [name for kind in list(KINDS)[:3] for name in (f"{kind} inside", "narrow", "p")]
-    return (
-        Table.of(("noise", "fitted", *header, "together p"), ranks),
-        Table.of(("noise", *STATED), [*stated, ("all", *sums)]),
-    )
+    stated = [(cell.name, *map(_text, cell.stated.values())) for cell in cells]
+    return Table.of(("noise", "fitted", *header, "together p"), ranks), Table.of(("noise", *STATED), stated)
 
 
 def _text(rate: Rate) -> str:
@@ -344,15 +353,21 @@ def main() -> None:
     options = parser.parse_args()
     size = SIZES["nightly" if options.nightly else "five minutes"]
     cells = run([(n, r) for n in options.noise for r in options.repeats], *size, options.workers)
-    options.out.mkdir(parents=True, exist_ok=True)
-    charts = {f"ranks_{kind}": rank_chart(cells, kind) for kind in KINDS}
-    charts |= {"p_values": p_value_chart(cells), "reliability": reliability_chart(cells)}
+    written(cells, options.out)
+    print(*tables(with_margins(cells)), "\n".join(line for cell in cells for line in cell.failures), sep="\n\n")
+
+
+def written(cells: Sequence[Cell], folder: Path) -> None:
+    """Write pictures, PNG and SVG, and figures.json into a folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    every = with_margins(cells)
+    charts = {f"ranks_{kind}": rank_chart(every, kind) for kind in KINDS}
+    charts |= {"p_values": p_value_chart(cells), "reliability": reliability_chart(every)}
     for name, chart in charts.items():
         figure = matplotlib_figure(chart)
         for ending in ("png", "svg"):
-            figure.savefig(options.out / f"{name}.{ending}", dpi=110, facecolor="white")
-    (options.out / "figures.json").write_text(json.dumps([c.to_data() for c in cells], indent=1), encoding="utf-8")
-    print(*tables(cells), "\n".join(line for cell in cells for line in cell.failures), sep="\n\n")
+            figure.savefig(folder / f"{name}.{ending}", dpi=110, facecolor="white")
+    (folder / "figures.json").write_text(json.dumps([c.to_data() for c in every], indent=1), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -63,7 +63,10 @@ KINDS_OF_NOISE: Mapping[str, tuple[simulated.NoiseModel, float]] = {
     "low-passed": (LowPassed(), 0.0),
     "by speed": (NOISES["white"], 1.0),
 }
-"""Noise of unit variance, and by how many times itself its std grows from rest to the rms speed of the joints."""
+"""Noise of unit variance, and by how many times itself its std grows from rest to the rms speed of the joints.
+
+Tones have frequencies of their own in each recording, a quarter of a turn or more off the motion's repeats: nearer, they
+are physics to two repeats."""
 TONE = "line_interference"
 """What tones are called, where they are in the noise: not false there."""
 
@@ -211,9 +214,13 @@ class Draw:
 
     def recording(self, hidden: Sequence[simulated.HiddenEffect], stream: int = 0) -> Recording:
         """A recording with the effects in it; noises of different streams are independent."""
-        motion, (noise, growth) = self._motion, KINDS_OF_NOISE[self.noise]
+        motion, rows, (noise, growth) = self._motion, round(RATE * self.period), KINDS_OF_NOISE[self.noise]
+        if isinstance(noise, simulated.PinkNoise) and noise.tones:
+            rng = np.random.default_rng([self.seed, 3])
+            turns = rng.integers(rows // 20, 9 * rows // 20, 2) + rng.uniform(0.25, 0.75, 2)
+            noise = replace(noise, tones=tuple((turns / rows).tolist()))
         frame = simulated.simulate(
-            self.rig, motion, hidden=hidden, repeats=self.repeats, samples_per_period=round(RATE * self.period),
+            self.rig, motion, hidden=hidden, repeats=self.repeats, samples_per_period=rows,
             noise=Silence(), seed=self.seed,
         )  # fmt: skip
         columns = {str(n): frame[n].to_numpy(dtype=float) for n in frame if self.repeats > 1 or n != "repeat"}

@@ -10,7 +10,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from benchmarks.calibration import Cell, Histogram, adjusted, rank_chart, reliability_chart, tables
+from benchmarks.calibration import Cell, Histogram, adjusted, rank_chart, reliability_chart, tables, with_margins
 from benchmarks.calibration_draws import DRAWS, HIDDEN, Draw, Fitted, Rank, Said, posterior_ranks
 from diagnosis.verdict_rule import RecordVerdict
 from estimation.model_response import predicted_readings
@@ -96,7 +96,7 @@ def test_tables_and_pictures_tell_them_apart() -> None:
         marks = [mark for mark in panels[name].marks if isinstance(mark, Points)]
         assert [(mark.colour, mark.x.tolist()) for mark in marks] == [(ADEQUATE_COLOUR, [0]), (MISFIT_COLOUR, [1])]
     assert cells[1].stated["false effect"].count == len(cells[1].failures) == 10
-    assert "10/200" in str(tables(cells)[1]).splitlines()[-1]
+    assert "10/200" in str(tables(with_margins(cells))[1]).splitlines()[-1]
 
 
 @pytest.mark.parametrize("effect", HIDDEN)
