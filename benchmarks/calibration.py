@@ -65,7 +65,7 @@ KINDS = {
     "together": "distance over all parameters",
 }
 """Of parameters, and what a rank is of."""
-WIDTH, LEAST_SHARE = 1500, 1e-3
+WIDTH, LEAST_SHARE = 1700, 1e-3
 """Of a picture, CSS pixels; a share that is drawn where there is none, on a logarithmic axis."""
 STATED = {
     "lack of fit at 5 %": (0.0, 0.05),
@@ -296,7 +296,7 @@ def p_value_chart(cells: Sequence[Cell]) -> Chart:
 
 def reliability_chart(cells: Sequence[Cell]) -> Chart:
     """A row for each stated probability, a column for each number of repeats: how often it came true by noise."""
-    rows = [(f"95 % interval, {kind}", (0.95, 0.95), [[c.inside(kind) for c in own] for own in _columns(cells)])
+    rows = [(f"95 % of {kind}", (0.95, 0.95), [[c.inside(kind) for c in own] for own in _columns(cells)])
             for kind in list(KINDS)[:3]]  # fmt: skip
     rows += [(name, ends, [[c.stated[name] for c in own] for own in _columns(cells)]) for name, ends in STATED.items()]
     return Chart(

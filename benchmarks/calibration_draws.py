@@ -65,8 +65,8 @@ KINDS_OF_NOISE: Mapping[str, tuple[simulated.NoiseModel, float]] = {
 }
 """Noise of unit variance, and by how many times itself its std grows from rest to the rms speed of the joints.
 
-Tones have frequencies of their own in each recording, a quarter of a turn or more off the motion's repeats: nearer, they
-are physics to two repeats."""
+Tones have frequencies of their own in each recording, a quarter of a turn or more off the motion's repeats: nearer,
+they are physics to two repeats."""
 TONE = "line_interference"
 """What tones are called, where they are in the noise: not false there."""
 

@@ -92,7 +92,7 @@ def test_tables_and_pictures_tell_them_apart() -> None:
     assert (exact.title_colour, narrow.title_colour) == (ADEQUATE_COLOUR, MISFIT_COLOUR)
     assert "n 400" in narrow.title
     panels = {panel.title.split(";")[0]: panel for panel in reliability_chart(cells).panels}
-    for name in ("95 % interval, tool", "false effect"):
+    for name in ("95 % of tool", "false effect"):
         marks = [mark for mark in panels[name].marks if isinstance(mark, Points)]
         assert [(mark.colour, mark.x.tolist()) for mark in marks] == [(ADEQUATE_COLOUR, [0]), (MISFIT_COLOUR, [1])]
     assert cells[1].stated["false effect"].count == len(cells[1].failures) == 10
