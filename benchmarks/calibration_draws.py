@@ -302,16 +302,17 @@ def diagnosed(draw: Draw) -> Said:
     size, model = SIZE_OF_HIDDEN[draw.number % len(SIZE_OF_HIDDEN)], draw.model()
     hidden = HIDDEN.get(draw.effect)
     if size and hidden is not None and hidden.alone:
-        before = _score(draw, model, draw.recording((), stream=1))
-        stated, place = ({name.split(".")[1]: float(value) for name, value in values.items()}
-                         for values in (before.detectable, before.detectable_at))  # fmt: skip
+        before = _scores(draw, model, draw.recording((), stream=1))
+        stated = {name.split(".")[1]: float(v) for test in before for name, v in test.detectable.items()}
+        place = {name.split(".")[1]: float(v) for test in before for name, v in test.detectable_at.items()}
         amount = size * stated.get(hidden.amplitude[draw.space is Space.SPACE], np.inf)
         if np.isfinite(amount):
             recording = draw.recording((hidden.made(amount, place),))
-            test, told = _score(draw, model, recording), diagnose(model, recording)
+            tests, told = _scores(draw, model, recording), diagnose(model, recording)
             confused = {i for f in told.findings if f.effect.id in told.added for i in f.confusable_with}
-            holds = draw.effect in confused.union(told.added)
-            significant = test.excited and test.p_value < bonferroni_level(_candidates(draw.space))
+            holds = draw.effect in confused.union(effect.id for effect in told.fit.model.effects)
+            level = bonferroni_level(_candidates(draw.space))
+            significant = all(test.excited and test.p_value < level for test in tests)
             return Said(told.verdict, _without_tones(draw, told), draw.effect, size, holds, significant)
     told = diagnose(model, draw.recording(()))
     return Said(told.verdict, _without_tones(draw, told))
@@ -321,10 +322,10 @@ def _without_tones(draw: Draw, told: Diagnosis) -> tuple[str, ...]:
     return tuple(i for i in told.added if i != TONE or "tones" not in draw.noise)
 
 
-def _score(draw: Draw, model: WrenchModel, recording: Recording) -> ScoreTest:
-    """Of the drawn effect, as one of the catalogue."""
+def _scores(draw: Draw, model: WrenchModel, recording: Recording) -> list[ScoreTest]:
+    """Of the drawn effect, as one of the catalogue; none of a tilt that is in the model, as gravity shows it."""
     null = unchecked_fit(Case.of(model, (recording,)))
-    return screen(null, [named(draw.effect)], candidates=_candidates(draw.space))[0]
+    return screen(null, [named(draw.effect)], candidates=_candidates(draw.space))
 
 
 def _candidates(space: Space) -> int:
