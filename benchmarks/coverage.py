@@ -102,20 +102,22 @@ class Setting:
     @property
     def truth(self) -> dict[str, float]:
         """Every parameter by name."""
-        rig = RIGS[self.space]
-        biases = {f"bias_{channel}": value for channel, value in zip(rig.channels, rig.bias, strict=True)}
-        if isinstance(rig, simulated.PlanarRig):
-            body = {"m": rig.mass, "mlg": rig.mlg, "I": rig.inertia}
-        else:
-            assert isinstance(rig, simulated.SpatialRig)
-            body = dict(zip(BODY, (rig.mass, *rig.first_moment, *rig.inertia), strict=True))
-        return biases | body | dict(self.amounts)
+        return true_tool(RIGS[self.space]) | dict(self.amounts)
 
     def drawn(self, noise: simulated.NoiseModel, seed: int) -> Recording:
         """A recording with this noise, of the rig's size."""
         silent, rig = silent_recording(self), RIGS[self.space]
         series = noise.draw(np.random.default_rng(seed), silent.samples, len(rig.channels))
         return silent.with_readings(silent.wrench + series * np.array(rig.noise))
+
+
+def true_tool(rig: simulated.SimulatedRig) -> dict[str, float]:
+    """Zero and tool of a simulated rig, by the models' names."""
+    biases = {f"bias_{channel}": value for channel, value in zip(rig.channels, rig.bias, strict=True)}
+    if isinstance(rig, simulated.PlanarRig):
+        return biases | {"m": rig.mass, "mlg": rig.mlg, "I": rig.inertia}
+    assert isinstance(rig, simulated.SpatialRig)
+    return biases | dict(zip(BODY, (rig.mass, *rig.first_moment, *rig.inertia), strict=True))
 
 
 @cache

@@ -204,7 +204,7 @@ def _calibrated(
 ) -> Calibration:
     """`calibrate`, once the recording is diagnosed."""
     announce = count_progress(progress, "diagnose surrogates")
-    verdicts = _results(partial(_diagnosed, source), range(draws), workers, announce)
+    verdicts = results_of(partial(_diagnosed, source), range(draws), workers, announce)
     diagnosed = [(verdict, added) for verdict, added in verdicts if verdict != REFUSED]
     doubted = {RecordVerdict.UNEXPLAINED.value, RecordVerdict.PARTLY_EXPLAINED.value}
     return Calibration(
@@ -243,7 +243,7 @@ def _power(source: _Source, draws: int, progress: Progress, workers: int) -> tup
     def detected_of(place: int) -> int:
         return sum(_detected(source, hidden[place], (place + 1, number)) for number in range(draws))
 
-    detected = _results(detected_of, range(len(hidden)), workers, count_progress(progress, "power for each effect"))
+    detected = results_of(detected_of, range(len(hidden)), workers, count_progress(progress, "power for each effect"))
     return tuple(h.power(Rate(count, draws)) for h, count in zip(hidden, detected, strict=True))
 
 
@@ -297,7 +297,7 @@ _inherited: Callable[[int], Any] | None = None
 """In a process of the pool: what it does of each number. It is inherited, as an effect need not be picklable."""
 
 
-def _results(
+def results_of(
     work: Callable[[int], Result], numbers: Sequence[int], workers: int, announce: CountCallback
 ) -> list[Result]:
     """The result of each number, by so many processes; only forked ones, and none within a worker of another pool."""

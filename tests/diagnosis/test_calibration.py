@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 from scipy.stats import binom, binomtest
 
-from diagnosis.calibrate import _results, calibrate, surrogate_noise
+from diagnosis.calibrate import calibrate, results_of, surrogate_noise
 from diagnosis.calibration import Calibration, Rate
 from diagnosis.diagnosis import diagnose
 from diagnosis.verdict_rule import RecordVerdict
@@ -135,7 +135,7 @@ def test_the_number_of_workers_changes_nothing() -> None:
 def test_processes_give_what_one_gives_in_its_order(workers: int) -> None:
     """Of work that cannot be pickled, too: an effect may be a class within a function."""
     begun: list[tuple[int, int]] = []
-    found = _results(lambda number: number**2, range(20), workers, lambda *count: begun.append(count))
+    found = results_of(lambda number: number**2, range(20), workers, lambda *count: begun.append(count))
     assert found == [number**2 for number in range(20)]
     assert begun == [(number, 20) for number in range(20)]
 
@@ -143,7 +143,7 @@ def test_processes_give_what_one_gives_in_its_order(workers: int) -> None:
 @pytest.mark.skipif(sys.platform != "linux", reason="processes are forked under Linux alone")
 def test_a_killed_worker_is_said() -> None:
     with pytest.raises(InputError, match="a worker was killed"):
-        _results(lambda number: os.kill(os.getpid(), signal.SIGKILL), range(2), 2, lambda *_count: None)
+        results_of(lambda number: os.kill(os.getpid(), signal.SIGKILL), range(2), 2, lambda *_count: None)
 
 
 def test_p_values_are_withheld_where_false_alarms_are_too_many() -> None:
