@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -169,18 +170,20 @@ def streamed_data(fit: StreamedFit, summary: FitSummary) -> dict[str, Any]:
         "fits": not summary.misfitting,
         "tool_unknown": summary.unknown_tool or None,
         "converged": fit.converged,
-        "condition": fit.condition,
+        "condition": fit.condition if isfinite(fit.condition) else None,
         "unseen": [*map(str, fit.unidentifiable)],
     }
 
 
 def streamed_text(fit: StreamedFit, summary: FitSummary, case: Case) -> str:
-    """Whether the model fits, by the sketch, then the estimates from all rows."""
+    """Whether the model fits, by the sketch, then the estimates of all rows; the sketch's where no tool is known."""
     (recording,), samples = case.recordings, fit.information.rows // len(fit.model.channels)
     stated = summary.fit.noise[0].source is NoiseSource.RIG
     size = f", reduced chi-square {fit.misfit:.4g}" if stated else "; channels weighted by the noise of their residual"
     origin = "the std are not below what its stretches scatter by" if fit.blocks else "the std are those of the noise"
     read = f"{fit.where}: {samples} samples{size}. Read in chunks as one run; {origin}."
+    if summary.unknown_tool:
+        return f"{read}\n\n{summary.text(case)}"
     judged = f"By {recording.samples} of them, evenly spaced: {summary.headline()}"
     return "\n\n".join([read, judged, *frame_sentences(case), f"{fit}\n{axes_sentence(fit)}"])
 

@@ -220,6 +220,12 @@ def test_a_long_log_is_streamed_by_itself(bench: Bench, monkeypatch: pytest.Monk
     truth = dict(zip(streamed["parameters"], (1.0, 2.0, 0.3, 1.5, 0.1, 0.02), strict=True))
     for name, estimate in streamed["parameters"].items():
         assert abs(estimate["value"] - truth[name]) < 5 * estimate["std"]  # p = 3e-6 for all six
+    pushed = pd.read_parquet(log)
+    pushed.loc[1500:, "fx"] += 60.0
+    pushed.to_parquet(bench.folder / "pushed.parquet")
+    text = bench.fit(recording=str(bench.folder / "pushed.parquet"))[1]
+    assert "The tool is not known, as most of what fx read is not the tool's" in text
+    assert "Read in chunks" in text
     for options in (["--period", "1"], ["--add", "sensor_lag"]):
         assert "Read in chunks" not in bench.fit(*options, recording=str(log))[1]
 
