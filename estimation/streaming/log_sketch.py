@@ -30,7 +30,7 @@ from modeling.noise import NoiseModel
 Array = NDArray[np.float64]
 
 SKETCHED_ROWS = 20_000
-"""Rows of a sketch: the fit of so many takes a second, and two per mille of a std of the noise are seen in them."""
+"""Rows of a sketch: the fit of so many takes a second, and seven per mille of the std of noise are seen in them."""
 SMALLEST_CHUNK = 4096
 """Rows: a few seconds of a fast log, so that what scatters from chunk to chunk is not one swing of a slow residual."""
 

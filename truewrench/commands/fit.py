@@ -23,13 +23,14 @@ from estimation.reading.log_reading import is_recording
 from estimation.readings.doubted_reading import DoubtedReading
 from estimation.recordings.column_table import table_file
 from estimation.robust_fit import robust_fit_case
-from estimation.streaming.chunk_information import linear_regressor_map
+from estimation.streaming.chunk_information import linear_regressor_map, required_signals
 from estimation.streaming.log_sketch import fit_log, sketch
 from estimation.streaming.long_log import read_chunks
 from estimation.streaming.streamed_fit import StreamedFit
+from modeling.chain.model import planar, spatial
 from modeling.errors import InputError
 from modeling.noise import NoiseSource
-from modeling.rig import Rig
+from modeling.rig import PLANAR_CHANNELS, Rig
 from truewrench.commands.effect_choice import custom_effects, with_effects_changed
 from truewrench.commands.results import print_result, provenance_of, suspicions_named
 from truewrench.files.case_files import frame_sentences, frames_data, read_case, rigid_tool_case
@@ -126,7 +127,9 @@ def run_stream(arguments: argparse.Namespace) -> bool:
     """
     log = read_chunks(arguments.recordings[0], rig=None if arguments.rig is None else Rig.read(arguments.rig))
     try:
-        case = rigid_tool_case([sketch(log)], [], log.rig, as_read=arguments.as_read)
+        tool = (planar if log.channels == PLANAR_CHANNELS else spatial)(log.rig)
+        inputs = required_signals(with_effects_changed(tool, arguments.add, arguments.drop))
+        case = rigid_tool_case([sketch(log, inputs)], [], log.rig, as_read=arguments.as_read)
     except InputError:
         if arguments.stream:
             raise

@@ -226,6 +226,11 @@ def test_a_long_log_is_streamed_by_itself(bench: Bench, monkeypatch: pytest.Monk
     text = bench.fit(recording=str(bench.folder / "pushed.parquet"))[1]
     assert "The tool is not known, as most of what fx read is not the tool's" in text
     assert "Read in chunks" in text
+    warm = bench.folder / "warm.parquet"
+    pd.read_parquet(log).assign(temperature=20 + np.linspace(0, 5, 3000)).to_parquet(warm)
+    text = bench.fit("--add", "thermal_drift", recording=str(warm))[1]
+    assert "Read in chunks" in text
+    assert "thermal_drift.tau" in text
     for options in (["--period", "1"], ["--add", "sensor_lag"]):
         assert "Read in chunks" not in bench.fit(*options, recording=str(log))[1]
 
