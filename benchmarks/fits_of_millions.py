@@ -4,6 +4,8 @@ from a file     a process each, from its start to its end: `tw.fit` of `tw.read_
                 script of a user, `pandas.read_parquet` of the columns needed, the module that `truewrench emit planar
                 --to numpy` wrote, `lstsq`. The first round derives the model, the others find that in the cache. Memory
                 is the peak of the resident set, interpreter and libraries included
+                also `truewrench fit` without an option, which is told no noise and finds it in the file, so that the
+                channels weigh a little otherwise
 in memory       a fit of one `Chunk` of arrays, and the same two steps on the same arrays; deriving and emitting is
                 outside the clock for both. Memory is what NumPy allocates beyond the arrays; the copy that LAPACK works
                 on is not seen
@@ -67,6 +69,14 @@ import truewrench as tw
 found = tw.fit(tw.planar(), tw.read_chunks(sys.argv[1]), noise=tw.NoiseModel.white(json.loads(sys.argv[2])))
 theta = found.theta
 """
+PLAIN = """
+import io, json, sys
+from contextlib import redirect_stdout
+from truewrench.command_line import main
+with redirect_stdout(io.StringIO()) as said:
+    main(["fit", sys.argv[1], "--json", "--quiet"])
+theta = [estimate["value"] for estimate in json.loads(said.getvalue())["parameters"].values()]
+"""
 INSTEAD = """
 import json, sys
 import numpy as np
@@ -111,11 +121,12 @@ def from_file(folder: Path, samples: int) -> list[Row]:
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(FOLDER), str(folder)])}
     environment["TRUEWRENCH_CACHE"] = str(folder / "cache")
     std = json.dumps(NOISE.floor.tolist())
-    costs: dict[str, list[Cost]] = {"ours": [], "instead": []}
-    peaks: dict[str, list[float]] = {"ours": [], "instead": []}
+    scripts = {"ours": OURS, "plain": PLAIN, "instead": INSTEAD}
+    costs: dict[str, list[Cost]] = {name: [] for name in scripts}
+    peaks: dict[str, list[float]] = {name: [] for name in scripts}
     thetas = {}
     for _ in range(ROUNDS):
-        for name, script in (("ours", OURS), ("instead", INSTEAD)):
+        for name, script in scripts.items():
             found = process([sys.executable, "-c", script + MEASURED, str(path), std], environment)
             said = json.loads(found.printed)
             costs[name].append(found.cost)
@@ -123,11 +134,14 @@ def from_file(folder: Path, samples: int) -> list[Row]:
             thetas[name] = np.array(said["theta"])
     size = fit(planar(), log(min(samples, 100_000)), noise=NOISE).covariance * min(samples, 100_000) / samples
     _require_same(thetas["ours"], thetas["instead"], np.sqrt(np.diag(size)))
-    task = f"planar fit of {samples:.0e} rows, Parquet"
-    rows = _rows(task, "tw.fit(read_chunks)", "script with lstsq", costs)
-    memory = tuple(b / a for a, b in zip(peaks["ours"], peaks["instead"], strict=True))
-    print(f"{task}: {_told(costs)}; MB {_median(peaks['ours']) / 1e3:.0f}, {_median(peaks['instead']) / 1e3:.0f}")
-    return [*rows, Row(task=task, ours=rows[0].ours, instead=rows[0].instead, quantity="peak memory", ratios=memory)]
+    task, rows = f"planar fit of {samples:.0e} rows, Parquet", []
+    for name, called in (("ours", "tw.fit(read_chunks)"), ("plain", "truewrench fit")):
+        pair = {"ours": costs[name], "instead": costs["instead"]}
+        memory = tuple(b / a for a, b in zip(peaks[name], peaks["instead"], strict=True))
+        rows += _rows(task, called, "script with lstsq", pair)
+        rows += [Row(task=task, ours=called, instead=rows[-1].instead, quantity="peak memory", ratios=memory)]
+    print(f"{task}: {_told(costs)}; MB {', '.join(f'{_median(peak) / 1e3:.0f}' for peak in peaks.values())}")
+    return rows
 
 
 @dataclass(frozen=True, eq=False)

@@ -63,14 +63,14 @@ def _by_channel(noise: RecordingNoise, residual: Array) -> RecordingNoise:
     if not whitener.noise.order and not noise.beside_pose:
         return noise
     means = block_means(residual, whitener.noise.block)
-    size = np.sqrt((residual**2).mean(axis=0)) if noise.beside_pose else _upper_noise(means)
+    size = np.sqrt((residual**2).mean(axis=0)) if noise.beside_pose else upper_noise(means)
     white = replace(NoiseModel.white(np.maximum(size, SMALLEST_SIZE)), block=whitener.noise.block)
     weights = None if noise.motion is None else noise.motion.steady_weights(noise.floor, white.block)
     plain = replace(whitener, noise=white, weights=weights)
     return replace(noise, whitener=plain, log_power_variance=np.full(plain.rows, noise.log_power_variance.mean()))
 
 
-def _upper_noise(residual: Array) -> Array:
+def upper_noise(residual: Array) -> Array:
     """Std (p,) of white noise as strong as the upper half of a residual's spectrum, where nothing moves."""
     power = (dct(residual, axis=0, norm="ortho")[len(residual) // 2 :] ** 2).mean(axis=0)
     return np.asarray(np.sqrt(np.maximum(power, SMALLEST_SHARE * (residual**2).mean(axis=0))))

@@ -166,7 +166,7 @@ def fit(commands: Subcommands[Any]) -> argparse.ArgumentParser:
         "--physical", action="store_true", help="physically consistent inertia only, by a margin of 1e-6"
     )
     command.add_argument("--prior", type=Path, metavar="FILE", help="TOML file of a reference tool and its weight")
-    text = "read one long log in chunks; derivatives are columns of the log, the noise is that of the rig file"
+    text = "read one log in chunks, as is done with long ones; derivatives are columns of the log"
     command.add_argument("--stream", action="store_true", help=text)
     command.add_argument("--runs", action="store_true", help="print mean error and variance of every repeat")
     text = "print noise, systematic residual and gain of averaging over the repeats"

@@ -10,7 +10,16 @@ from math import inf
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.screening.null_model import NullModel, RowChoice, RowSet, ScreeningCache, WhitenedColumns
+from diagnosis.screening.null_model import (
+    MAX_BYTES,
+    BatchedColumns,
+    NullModel,
+    RowChoice,
+    RowSet,
+    ScreeningCache,
+    WhitenedColumns,
+    row_ranges,
+)
 from diagnosis.screening.projection import ProjectedColumns
 from diagnosis.screening.whitened_sensitivity import MAX_EXACT_POINTS, GridPoint, score_columns, sensitivity_of
 from estimation.fit import Fit
@@ -176,13 +185,25 @@ def projected_columns(
     """
     points = grid_points(model, effect, grid)
     combination = effect.combination(grid)
-    blocks = points if combination.blocks == tuple(grid) else grid_points(model, effect, combination.blocks)
+    is_plain = combination.blocks == tuple(grid)
+    blocks = points if is_plain else grid_points(model, effect, combination.blocks)
     fit = null_model.fit
     choice = affected_rows(fit, model, blocks[0])
 
     def make() -> WhitenedColumns:
         return WhitenedColumns(score_columns(fit, model, blocks, choice), choice)
 
+    exact = len(blocks) <= MAX_EXACT_POINTS
+    block_bytes = 8 * sum(last - first for first, last in row_ranges(choice, fit.noise)) * len(blocks[0].amplitudes)
+    if block_bytes * len(blocks) > MAX_BYTES / 2 and is_plain:
+        batched = BatchedColumns(
+            null_model,
+            lambda numbers: score_columns(fit, model, [blocks[i] for i in numbers], choice, exact=exact),
+            choice,
+            blocks=len(blocks),
+            at_once=max(1, int(MAX_BYTES / 4 / block_bytes)),
+        )
+        return ProjectedColumns(null_model, batched, combination, -np.inf if cache is None else points[0].lowest())
     if cache is None:
         return ProjectedColumns(null_model, make(), combination, low=-np.inf)
     whitened = cache.whitened(_cache_key(fit, model, blocks, choice), make)

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, TypeVar
+from typing import Any, NoReturn, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -165,8 +165,19 @@ class WhitenedColumns:
         _, b, a = self.columns.shape
         return np.asarray(self.flat.T @ self.flat).reshape(b, a, b, a)
 
-    def inner_products(self, rows: Array) -> Array:
-        """Inner products (b, a, m) with other columns (r, m) of the same rows."""
+    def of_blocks(self, index: NDArray[np.intp]) -> Array:
+        """The columns (r, s, a) of some blocks."""
+        return self.columns[:, index]
+
+    def along_residual(self, null_model: NullModel) -> Array:
+        """Inner products (b, a, 1) with the projected residual of a null model."""
+        return self._inner_products(null_model.rows_of(self.choice)[0][:, None])
+
+    def along_basis(self, null_model: NullModel) -> Array:
+        """Inner products (b, a, k) with the basis of a null model's column space."""
+        return self._inner_products(null_model.rows_of(self.choice)[1])
+
+    def _inner_products(self, rows: Array) -> Array:
         _, b, a = self.columns.shape
         return np.asarray(self.flat.T @ rows).reshape(b, a, rows.shape[1])
 
@@ -177,6 +188,61 @@ class WhitenedColumns:
             products = self.flat.astype(draws.dtype).T @ draws
             self._noise_products = products.astype(np.float64).reshape(b, a, -1)
         return self._noise_products
+
+
+@dataclass(eq=False)
+class BatchedColumns:
+    """Score columns of more blocks than there is room for: inner products alone are held, of one batch after another.
+
+    null_model  the residual, basis and noise draws that they are taken with
+    evaluated   the columns (r, s, a) of some blocks, by their numbers
+    at_once     blocks of a batch, of `blocks`
+    """
+
+    null_model: NullModel
+    evaluated: Callable[[NDArray[np.intp]], Array]
+    choice: RowChoice
+    blocks: int
+    at_once: int
+
+    @cached_property
+    def _products(self) -> list[Array]:
+        """With themselves, the residual, the basis and the draws; blocks first."""
+        batches = np.split(np.arange(self.blocks), range(self.at_once, self.blocks, self.at_once))
+        return [np.concatenate(products) for products in zip(*map(self._of_batch, batches), strict=True)]
+
+    def _of_batch(self, numbers: NDArray[np.intp]) -> tuple[Array, ...]:
+        batch, null_model = WhitenedColumns(self.evaluated(numbers), self.choice), self.null_model
+        with_noise = batch.noise_inner_products(null_model.draws[null_model.index(self.choice)])
+        return batch.block_gram, batch.along_residual(null_model), batch.along_basis(null_model), with_noise
+
+    @property
+    def block_gram(self) -> Array:
+        """Inner products of each block's columns, (b, a, a)."""
+        return self._products[0]
+
+    @property
+    def gram(self) -> NoReturn:
+        """Not had: no sums of blocks are taken of so many."""
+        raise NotImplementedError
+
+    def of_blocks(self, index: NDArray[np.intp]) -> Array:
+        """The columns (r, s, a) of some blocks, evaluated anew."""
+        return self.evaluated(index)
+
+    def along_residual(self, null_model: NullModel) -> Array:
+        """Inner products (b, a, 1) with the projected residual of its null model."""
+        assert null_model is self.null_model
+        return self._products[1]
+
+    def along_basis(self, null_model: NullModel) -> Array:
+        """Inner products (b, a, k) with the basis of its null model's column space."""
+        assert null_model is self.null_model
+        return self._products[2]
+
+    def noise_inner_products(self, draws: SingleArray) -> Array:
+        """Inner products (b, a, NOISE_DRAWS) with the noise draws."""
+        return self._products[3]
 
 
 Key = TypeVar("Key", bound=Hashable)

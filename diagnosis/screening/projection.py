@@ -10,7 +10,15 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from diagnosis.screening.null_model import NullModel, RowChoice, RowRanges, WhitenedColumns, row_index, row_ranges
+from diagnosis.screening.null_model import (
+    BatchedColumns,
+    NullModel,
+    RowChoice,
+    RowRanges,
+    WhitenedColumns,
+    row_index,
+    row_ranges,
+)
 from estimation.least_squares.levenberg_marquardt import NEGLIGIBLE_COLUMN_LENGTH
 from estimation.least_squares.square_root_information import ColumnSpace
 from estimation.multiplicity import detectable_noncentrality
@@ -177,7 +185,7 @@ class ProjectedColumns:
     """
 
     null_model: NullModel
-    whitened: WhitenedColumns
+    whitened: WhitenedColumns | BatchedColumns
     combination: GridSuperposition
     low: float
 
@@ -219,8 +227,7 @@ class ProjectedColumns:
     @cached_property
     def _null_components(self) -> Array:
         """Components (g, a, k) of the unit columns along the null model's basis."""
-        _, basis = self.null_model.rows_of(self.whitened.choice)
-        return self._summed(self.whitened.inner_products(basis)) / self.scale[:, :, None]
+        return self._summed(self.whitened.along_basis(self.null_model)) / self.scale[:, :, None]
 
     @cached_property
     def _principal(self) -> tuple[Array, NDArray[np.int_]]:
@@ -256,8 +263,7 @@ class ProjectedColumns:
 
     @cached_property
     def _of_residual(self) -> tuple[Array, Array]:
-        residual, _ = self.null_model.rows_of(self.whitened.choice)
-        product = self._summed(self.whitened.inner_products(residual[:, None])) / self.scale[:, :, None]
+        product = self._summed(self.whitened.along_residual(self.null_model)) / self.scale[:, :, None]
         return self._scored(product)
 
     @property
@@ -296,7 +302,7 @@ class ProjectedColumns:
 
     def columns(self, place: int) -> Array:
         """The score columns (r, a) of one point."""
-        blocks = self.whitened.columns[:, self._index[place]]
+        blocks = self.whitened.of_blocks(self._index[place])
         return np.asarray(np.einsum("s,rsa->ra", self._weights[place], blocks))
 
     def test(self, place: int) -> PointTest:

@@ -258,17 +258,21 @@ class GridPoint:
         return float(min((bound - p.nominal) / self.unit_of(p) for bound in p.bounds))
 
 
-def score_columns(fit: Fit, model: WrenchModel, grid: Sequence[GridPoint], choice: RowChoice) -> Array:
+def score_columns(
+    fit: Fit, model: WrenchModel, grid: Sequence[GridPoint], choice: RowChoice, *, exact: bool | None = None
+) -> Array:
     """Score columns (r, g, a) of the last effect's a amplitudes at g points, in the chosen rows of each recording.
 
-    Finite differences for amplitudes that the points name, derivatives for the others.
+    Finite differences for amplitudes that the points name, derivatives for the others, `exact` ones of a model with
+    deflection by default at few points.
     """
     amplitudes = grid[0].amplitudes
     named = {p.name for p in grid[0].named}
     differentiated = [i for i, p in enumerate(amplitudes) if p.name not in named]
     derivatives: Array | None = None
     if differentiated:
-        plain = model if len(grid) <= MAX_EXACT_POINTS else without_deflection(model)
+        exact = len(grid) <= MAX_EXACT_POINTS if exact is None else exact
+        plain = model if exact else without_deflection(model)
         values, names = [p.nuisances for p in grid], [amplitudes[i].name for i in differentiated]
         derivatives = whitened_sensitivities(fit, plain, values, names, choice)
         if not named:

@@ -57,6 +57,13 @@ class LongLog:
         """The channels of the wrench, from the header alone; InputError as on iteration."""
         return LoggedMotion.of(table_file(self.path).names, str(self.path), self.rig).channels
 
+    @property
+    def rows(self) -> int:
+        """About how many rows the log has, from its size; InputError as on iteration."""
+        file = table_file(self.path)
+        LoggedMotion.of(file.names, str(self.path), self.rig)
+        return file.rows()
+
     def __iter__(self) -> Iterator[Chunk]:
         file = table_file(self.path)
         motion = LoggedMotion.of(file.names, str(self.path), self.rig)

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import os
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, replace
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,12 +26,12 @@ from estimation.streaming.chunk_information import (
     required_signals,
     run_name,
 )
-from estimation.streaming.long_log import LongLog, read_chunks
-from modeling.chain.model import WrenchModel, planar, spatial
+from estimation.streaming.long_log import LongLog
+from modeling.chain.model import WrenchModel
 from modeling.errors import InputError
 from modeling.noise import NoiseModel
 from modeling.parameter import Parameter
-from modeling.rig import PLANAR_CHANNELS, Convention, Rig
+from modeling.rig import Convention, Rig
 
 if TYPE_CHECKING:
     from estimation.least_squares.constraints import Constraints
@@ -41,6 +40,11 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 RunKey = str | int
 
+MOST_BLOCKS, FEWEST_BLOCKS = 128, 48
+"""Parts of a run whose scatter is looked at; of more, neighbours are joined, so that they are long. With fewer, their
+scatter is known to no better than a tenth."""
+SMALLEST_VARIANCE = 1e-300
+"""That something can be divided by the root of."""
 MAX_PENDING_PARTS = 2 * (os.cpu_count() or 1)
 """Parts submitted to an executor and not yet added: two per worker."""
 
@@ -53,6 +57,7 @@ class StreamedFit(Estimates):
     covariance  (k, k) for the noise given; `identifiable` (k,) whether a parameter is identifiable
     triangle    square-root information on theta of all parts, the zero of every other run eliminated
     where       name of the first run; `rig` of a recording or a log
+    blocks      information on theta of successive parts of the first run; none of a model that is not linear
     """
 
     model: WrenchModel
@@ -64,6 +69,7 @@ class StreamedFit(Estimates):
     triangle: SquareRootInformation
     where: str
     rig: Rig | None
+    blocks: tuple[SquareRootInformation, ...] = ()
 
     @property
     def unknowns(self) -> tuple[Parameter, ...]:
@@ -86,6 +92,22 @@ class StreamedFit(Estimates):
         """The same as `misfit`."""
         return self.misfit
 
+    def in_scatter_of_blocks(self, least: Array) -> StreamedFit:
+        """The fit with no std below `least` (k,), nor that which the blocks of its run show, whatever colour noise has.
+
+        With g the gradient of a block at theta and C the covariance, it is that of C g over G blocks, each as good as
+        independent of the next: C (sum g g') C G / (G - k), as k combinations of the gradients add up to zero. What the
+        model lacks scatters, too. Not of fewer than `FEWEST_BLOCKS`.
+        """
+        std = least
+        if len(self.blocks) >= FEWEST_BLOCKS:
+            gradients = np.stack([block.root.T @ (block.target - block.root @ self.theta) for block in self.blocks])
+            steps, free = gradients @ self.covariance, len(self.blocks) - int(self.identifiable.sum())
+            std = np.maximum(std, np.sqrt((steps**2).sum(axis=0) * len(self.blocks) / free))
+        stated = np.sqrt(np.maximum(np.diag(self.covariance), SMALLEST_VARIANCE))
+        ratio = np.where(self.identifiable, np.maximum(std / stated, 1.0), 1.0)
+        return replace(self, covariance=self.covariance * np.outer(ratio, ratio))
+
 
 class InformationSum:
     """Sum of the information of parts. Every run has its own zero, eliminated for all but the first.
@@ -101,11 +123,16 @@ class InformationSum:
         self.first = SquareRootInformation.empty(self.size)
         self.other_recordings = SquareRootInformation.empty(len(self.index) - self.zeros)
         self.other_runs: dict[RunKey, SquareRootInformation] = {}
+        self.blocks: list[SquareRootInformation] = []
 
     def add(self, key: RunKey, is_first: bool, information: SquareRootInformation) -> None:
         """Add the information of a part of that run: a number for a recording, a name for a chunk's run."""
         if is_first:
             self.first = self.first + information
+            self.blocks.append(information)
+            if len(self.blocks) > MOST_BLOCKS:  # an odd one stays by itself
+                pairs = zip(self.blocks[:-1:2], self.blocks[1::2], strict=True)
+                self.blocks = [*(one + next_one for one, next_one in pairs), *self.blocks[len(self.blocks) // 2 * 2 :]]
         elif isinstance(key, int):
             self.other_recordings = self.other_recordings + information.eliminated(self.zeros)
         else:
@@ -133,6 +160,10 @@ class StreamedProblem:
 
     def information(self, theta: Array | None) -> SquareRootInformation:
         """One pass: information of all parts on a step from theta, or on the parameters of a linear model (None)."""
+        return self.summed(theta).total()
+
+    def summed(self, theta: Array | None) -> InformationSum:
+        """The same before it is added up."""
         model = replace(self.model)  # without its caches, which are long to transfer
         others = replace(model, effects=tuple(e for e in model.effects if not e.per_recording))
         total = InformationSum(model, others)
@@ -141,7 +172,7 @@ class StreamedProblem:
         for key, information in _evaluated(self._calls((model, theta), (others, at)), self.executor):
             first_run = key if first_run is None else first_run
             total.add(key, key == first_run, information)
-        return total.total()
+        return total
 
     def _calls(
         self, first: tuple[WrenchModel, Array | None], others: tuple[WrenchModel, Array | None]
@@ -222,7 +253,8 @@ def estimate_streamed(
         what = "the model is not linear in its parameters and needs several passes"
         raise InputError(what=what, where="recordings", remedy="give a sequence, which can be iterated again")
     stream = StreamedProblem(model, noise, again, executor)
-    linear = stream.information(None) if is_linear else None
+    parts_summed = stream.summed(None) if is_linear else None
+    linear = None if parts_summed is None else parts_summed.total()
     low, high = (np.array([p.bounds[i] for p in model.parameters]) for i in (0, 1))
     begin = np.array([(start or {}).get(p.name, p.nominal) for p in model.parameters])
     minimum = levenberg_marquardt(stream.information if linear is None else linear.shifted, begin, (low, high))
@@ -236,6 +268,7 @@ def estimate_streamed(
         triangle=minimum.information,
         where=where,
         rig=rig,
+        blocks=() if parts_summed is None else tuple(parts_summed.blocks),
     )
 
 
@@ -254,14 +287,3 @@ def _prepended(first: list[RecordingOrChunk], others: Iterator[RecordingOrChunk]
     while first:
         yield first.pop(0)
     yield from others
-
-
-def fit_long_log(path: Path, rig: Rig | None, changed: Callable[[WrenchModel], WrenchModel]) -> StreamedFit:
-    """The fit of the rigid-tool model, modified by `changed`, to the log at that path, read in chunks.
-
-    Raises InputError where the rig does not state the noise of every channel, and as `read_chunks` and `fit_streamed`.
-    """
-    log = read_chunks(path, rig=rig)
-    channels = log.channels
-    model = changed((planar if channels == PLANAR_CHANNELS else spatial)(rig))
-    return fit_streamed(model, log, NoiseModel.of_rig(rig, channels))

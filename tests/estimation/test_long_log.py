@@ -180,10 +180,11 @@ print(peak_resident(), sorted(heavy | ({"pandas"} & set(sys.modules) if sys.argv
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("suffix", "samples"), [(".parquet", 250_000), (".csv", 80_000)])
+@pytest.mark.parametrize(("suffix", "samples"), [(".parquet", 250_000), (".csv", 160_000)])
 def test_memory_does_not_grow_with_the_log(tmp_path: Path, suffix: str, samples: int) -> None:
     """Peak resident memory of a process that fits four times as many rows, in one row group: a quarter of what the
-    longer log has more in its columns is what allocators may differ by. A stream of Parquet needs no pandas, and of a
+    longer log has more in its columns is what allocators may differ by: of a CSV they settle some 4 MB higher after
+    300,000 rows, whatever their number. A stream of Parquet needs no pandas, and of a
     model that was derived before, by the process before these, no SymPy."""
     peaks, environment = [], os.environ | {"TRUEWRENCH_CACHE": str(tmp_path / "cache")}
     for count in (100, samples, 4 * samples):

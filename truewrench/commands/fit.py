@@ -5,8 +5,11 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from math import isfinite
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from diagnosis.comparison.comparison import Comparison
 from diagnosis.comparison.model_comparison import compare
@@ -16,24 +19,41 @@ from estimation.fit import Fit, fit_case
 from estimation.least_squares.bounds import Bounds
 from estimation.least_squares.constraints import Constraints
 from estimation.least_squares.prior import Prior
+from estimation.reading.log_reading import is_recording
 from estimation.readings.doubted_reading import DoubtedReading
+from estimation.recordings.column_table import table_file
 from estimation.robust_fit import robust_fit_case
-from estimation.streaming.streamed_fit import StreamedFit, fit_long_log
+from estimation.streaming.chunk_information import linear_regressor_map, required_signals
+from estimation.streaming.log_sketch import fit_log, sketch
+from estimation.streaming.long_log import read_chunks
+from estimation.streaming.streamed_fit import StreamedFit
+from modeling.chain.model import planar, spatial
 from modeling.errors import InputError
-from modeling.rig import Rig
+from modeling.noise import NoiseSource
+from modeling.rig import PLANAR_CHANNELS, Rig
 from truewrench.commands.effect_choice import custom_effects, with_effects_changed
 from truewrench.commands.results import print_result, provenance_of, suspicions_named
-from truewrench.files.case_files import frame_sentences, read_case
+from truewrench.files.case_files import frame_sentences, frames_data, read_case, rigid_tool_case
 from truewrench.files.output import atomic_write, progress_line
 from truewrench.text.fit_summary import FitSummary
 from truewrench.text.tool_text import axes_sentence
+
+IN_MEMORY_ONLY = ("robust", "bounds", "physical", "prior", "runs", "effects", "validate", "report", "period", "read")
+"""Options that need the whole recording in memory."""
+STREAMED_ROWS = 500_000
+"""Rows from which on a log is read in chunks of itself: in memory so many take half a minute and a gigabyte."""
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Fit, write the model file, print the summary."""
     if arguments.stream:
-        run_stream(arguments)
-        return
+        require_streamable(arguments)
+    if not (arguments.stream or is_long_log(arguments)) or not run_stream(arguments):
+        run_in_memory(arguments)
+
+
+def run_in_memory(arguments: argparse.Namespace) -> None:
+    """Fit of whole recordings."""
     constraints = constraints_of(arguments)
     case = read_case(
         arguments.recordings,
@@ -73,31 +93,102 @@ def write_report(arguments: argparse.Namespace, summary: FitSummary, case: Case)
     return write_report_files(texts, arguments.report)
 
 
-def run_stream(arguments: argparse.Namespace) -> None:
-    """Fit one log chunk by chunk, write the model file, print the estimates.
-
-    Raises InputError for options that need the whole recording in memory.
-    """
-    for option in ("robust", "bounds", "physical", "prior", "runs", "effects", "validate", "report", "period"):
+def require_streamable(arguments: argparse.Namespace) -> None:
+    """Raise InputError for options that need the whole recording in memory, and for several logs."""
+    for option in IN_MEMORY_ONLY:
         if getattr(arguments, option):
             what = "not available for a streamed log"
             raise InputError(what=what, where=f"--{option}", remedy="leave it out, or fit without --stream")
     if len(arguments.recordings) > 1:
         what = "several logs were given"
         raise InputError(what=what, where="--stream", remedy="stream one log; `tw.fit` takes the chunks of many")
+
+
+def is_long_log(arguments: argparse.Namespace) -> bool:
+    """Whether the recording is one long run with its derivatives recorded, and nothing asks for all of it at once."""
+    path = Path(arguments.recordings[0])
+    if len(arguments.recordings) > 1 or any(getattr(arguments, option) for option in IN_MEMORY_ONLY):
+        return False
+    if not path.is_file() or not is_recording(path) or "repeat" in table_file(path).names:
+        return False
     rig = None if arguments.rig is None else Rig.read(arguments.rig)
-    fit = fit_long_log(
-        Path(arguments.recordings[0]), rig, lambda model: with_effects_changed(model, arguments.add, arguments.drop)
+    try:
+        return (rig is None or not rig.columns) and read_chunks(path, rig=rig).rows > STREAMED_ROWS
+    except InputError:  # it lacks what streaming needs
+        return False
+
+
+def run_stream(arguments: argparse.Namespace) -> bool:
+    """Fit one log chunk by chunk, write the model file, print the estimates; False where it is to be read as a whole.
+
+    Frames, and whether the model fits, are judged by a sketch of the log. Where that shows another reading, or the
+    model is not linear, a log is streamed only if that was asked for. InputError as `sketch` and `fit_log`, and for
+    other readings that are neither applied nor waved aside.
+    """
+    log = read_chunks(arguments.recordings[0], rig=None if arguments.rig is None else Rig.read(arguments.rig))
+    try:
+        tool = (planar if log.channels == PLANAR_CHANNELS else spatial)(log.rig)
+        inputs = required_signals(with_effects_changed(tool, arguments.add, arguments.drop))
+        case = rigid_tool_case([sketch(log, inputs)], [], log.rig, as_read=arguments.as_read)
+    except InputError:
+        if arguments.stream:
+            raise
+        return False  # which says it with the row in the file
+    case = replace(case, model=with_effects_changed(case.model, arguments.add, arguments.drop))
+    if not arguments.stream and (case.readings or linear_regressor_map(case.model) is None):
+        return False
+    if case.readings:
+        what = case.readings[0].sentence.rstrip(".")
+        raise InputError(what=what, where=str(log.path), remedy="fit without --stream")
+    with suspicions_named(case.recordings), progress_line() as progress:
+        progress("fit of a sketch")
+        summary = fit_summary_of(case, None, robust=False)
+        if summary.fit.noise[0].left_out and not arguments.stream:
+            return False
+        progress("fit")
+        sketched = summary.fit
+        # Of a model that fits, all rows tell more; what another lacks is in the spectrum of the sketch's residual.
+        least = [estimate.std if summary.misfitting else 0.0 for estimate in sketched.parameters.values()]
+        fit = fit_log(log, sketched, np.array(least))
+        case = case.with_fitted_gravity(fit.model, fit.values)
+    print_fit(
+        arguments,
+        fit,
+        lambda: streamed_data(fit, summary) | frames_data(case),
+        lambda: streamed_text(fit, summary, case),
+        misfitting=summary.misfitting,
+        tool_unknown=summary.unknown_tool,
     )
-    samples = fit.information.rows // len(fit.model.channels)
-    data = {
-        "samples": samples,
+    return True
+
+
+def streamed_data(fit: StreamedFit, summary: FitSummary) -> dict[str, Any]:
+    """JSON data in addition to the model."""
+    (comparison,) = summary.comparisons
+    return {
+        "samples": fit.information.rows // len(fit.model.channels),
+        "sketched": comparison.recording.samples,
         "misfit": fit.misfit,
-        "condition": fit.condition,
+        "noise_source": comparison.noise.source.value,
+        "fits": not summary.misfitting,
+        "tool_unknown": summary.unknown_tool or None,
+        "converged": fit.converged,
+        "condition": fit.condition if isfinite(fit.condition) else None,
         "unseen": [*map(str, fit.unidentifiable)],
     }
-    text = f"{fit.where}: {samples} samples, reduced chi-square {fit.misfit:.4g}\n\n{fit}\n{axes_sentence(fit)}"
-    print_fit(arguments, fit, lambda: data, lambda: text)
+
+
+def streamed_text(fit: StreamedFit, summary: FitSummary, case: Case) -> str:
+    """Whether the model fits, by the sketch, then the estimates of all rows; the sketch's where no tool is known."""
+    (recording,), samples = case.recordings, fit.information.rows // len(fit.model.channels)
+    stated = summary.fit.noise[0].source is NoiseSource.RIG
+    size = f", reduced chi-square {fit.misfit:.4g}" if stated else "; channels weighted by the noise of their residual"
+    origin = "the std are not below what its stretches scatter by" if fit.blocks else "the std are those of the noise"
+    read = f"{fit.where}: {samples} samples{size}. Read in chunks as one run; {origin}."
+    if summary.unknown_tool:
+        return f"{read}\n\n{summary.text(case)}"
+    judged = f"By {recording.samples} of them, evenly spaced: {summary.headline()}"
+    return "\n\n".join([read, judged, *frame_sentences(case), f"{fit}\n{axes_sentence(fit)}"])
 
 
 def print_fit(
