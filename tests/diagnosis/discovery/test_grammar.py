@@ -12,7 +12,7 @@ from diagnosis.discovery.discovery import effect_toml, recorded_leaves
 from diagnosis.discovery.grammar import Term, terms
 from diagnosis.discovery.quantities import DISTANCE, EDGE, PLACE, WIDTH
 from diagnosis.discovery.term_columns import TermColumns
-from diagnosis.screening.null_model import NullModel, RowSet
+from diagnosis.screening.null_model import NullModel, RowSet, WhitenedColumns
 from diagnosis.screening.whitened_sensitivity import GridPoint, score_columns
 from estimation.fit import Fit, fit
 from modeling.space import Space
@@ -48,6 +48,7 @@ def test_columns_are_those_of_the_custom_effect(space: Space) -> None:
     for term in sampled_terms(space, of):
         shapes = {name: SHAPES[name] for name in term.shapes(leaves)}
         columns = TermColumns(NullModel(of), leaves, shapes).projected([term]).whitened
+        assert isinstance(columns, WhitenedColumns)
         if not columns.columns.any():
             continue
         effect = term.effect(space, "found_1", leaves, inputs, {name: [value] for name, value in shapes.items()})
