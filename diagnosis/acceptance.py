@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf, isfinite
 
@@ -79,13 +79,28 @@ def coefficient_change(effect: Effect, first: Fit, second: Fit) -> tuple[float, 
     """
     names = [p.name for p in effect.qualified(first.model.space)]
     differences = np.array([first.values[n] - second.values[n] for n in names])
-    covariance = sum(_covariance(f, names) for f in (first, second))
+    covariance = _covariance(first, names) + _covariance(second, names)
+    return _wald_p_value(differences, covariance), _relative_change(effect, first, second)
+
+
+def amount_p_value(effect: Effect, fitted: Fit) -> float:
+    """P-value of a Wald test for no amount of an effect: its free identifiable amplitudes, together, at nominal.
+
+    Of one whose nominal value is infinite the amount is the inverse, which is as many of its std from zero.
+    """
+    tested = [p for p in effect.qualified(fitted.model.space) if not (p.nuisance or p.fixed)]
+    tested = [p for p in tested if isfinite(fitted.parameters[p.name].std)]
+    amounts = [fitted.values[p.name] - (p.nominal if isfinite(p.nominal) else 0.0) for p in tested]
+    return _wald_p_value(np.array(amounts), _covariance(fitted, [p.name for p in tested])) if tested else 1.0
+
+
+def _wald_p_value(differences: Array, covariance: Array) -> float:
+    """P-value of differences (k,) from zero, of a covariance (k, k), in the directions that it estimates."""
     scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
     estimable = values > ESTIMABLE * values.max()
     along = vectors[:, estimable].T @ (differences / scale) / np.sqrt(values[estimable])
-    p_value = float(chi2_sf(float(along @ along), int(estimable.sum())))
-    return p_value, _relative_change(effect, first, second)
+    return float(chi2_sf(float(along @ along), int(estimable.sum())))
 
 
 def _covariance(fitted: Fit, names: Sequence[str]) -> Array:
@@ -160,6 +175,10 @@ def _foreign_excess(candidate: CandidateModel, effect: Effect, foreign: dict[int
 # Acceptance rules: which effect of a set is rejected on held-out data, and when the set is accepted.
 
 
+WITHIN_STD = round(chi2_isf(LEVELS.amount, 1) ** 0.5)
+"""Std of nothing that `LEVELS.amount` is, of one amplitude."""
+UNTOLD_SENTENCE = "kept though it does not lower the error on held-out {}: the motion there does not show it"
+"""Of an accepted effect."""
 LEAST_SHARE = 0.01
 """That an effect removes of a single run's residual beyond noise. Its significance is by the residual's spectrum, which
 holds for noise: physics that no effect explains and that comes and goes makes some effect significant in every run."""
@@ -168,6 +187,20 @@ DETERMINED = 0.1
 CONFIRMED = 0.5
 """Share of the fall of chi-square on fitted halves that has to remain on the others: a true effect keeps nearly all of
 it, one that fits noise raises the error by as much as it had lowered it, and a half is about midway."""
+
+
+@dataclass(frozen=True)
+class HeldOutChange:
+    """What an effect changes on a held-out recording.
+
+    fall  of chi-square on its excited lines
+    told  whether its motion tells: whether what is predicted there with and without the effect is not confusable
+    """
+
+    effect_id: str
+    held_out: str
+    fall: float
+    told: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,6 +221,14 @@ class AcceptanceEvidence:
         """An effect without an identifiable amplitude: whatever its significance, nothing is known of it."""
         fit = self.candidate.fit
         return next((effect.id for effect in self.candidate.added if not fit.identifies(effect)), None)
+
+    @cached_property
+    def within_noise(self) -> str | None:
+        """The effect whose amount, as reported, is told least from none; None where all are beyond `LEVELS.amount`."""
+        fit = self.candidate.reported_fit
+        p_values = {e.id: amount_p_value(e, fit) for e in self.candidate.added}
+        least = max(p_values, key=lambda effect_id: p_values[effect_id])
+        return least if p_values[least] >= LEVELS.amount else None
 
     @cached_property
     def at_bound(self) -> tuple[str, str] | None:
@@ -223,14 +264,46 @@ class AcceptanceEvidence:
         return None
 
     @cached_property
-    def not_improved(self) -> str | None:
-        """The first held-out recording whose excited chi-square does not fall."""
-        for other in self.held_out if self.lasting else ():
-            if _excited_cost(other.validation_fit(self.candidate.fit)) >= _excited_cost(
-                other.validation_fit(self.base.fit)
-            ):
-                return other.recording.name
-        return None
+    def not_improved(self) -> tuple[str, str] | None:
+        """The effect without which the error on a held-out recording is smallest, and that recording.
+
+        None where all of them lower it, each and together, or the motion there does not tell: of all together the least
+        significant is to go.
+        """
+        worse = [(c.fall, c.effect_id, c.held_out) for c in self._held_out_changes if c.fall <= 0 and c.told]
+        if not worse and len(self.candidate.ids) > 1:
+            together = (self._held_out_change(other, self.least_significant, self.base) for other in self.held_out)
+            worse = [(c.fall, c.effect_id, c.held_out) for c in together if c.fall <= 0 and c.told]
+        return min(worse)[1:] if worse else None
+
+    @property
+    def untold(self) -> dict[str, str]:
+        """Why effects are kept that lower the error on no held-out recording, as no motion there shows them."""
+        helped = {c.effect_id for c in self._held_out_changes if c.fall > 0}
+        return {
+            c.effect_id: UNTOLD_SENTENCE.format(c.held_out) for c in self._held_out_changes if c.effect_id not in helped
+        }
+
+    @cached_property
+    def _held_out_changes(self) -> list[HeldOutChange]:
+        """Of each effect on each held-out recording.
+
+        What acts in one recording alone changes the tool's parameters, which a recording does not judge that differs
+        from the model anyway.
+        """
+        changes = []
+        for other in self.held_out:
+            fits = other.comparison(self.candidate.fit).lack_of_fit >= LEVELS.held_out
+            judged = [e.id for e in self.candidate.added if fits or not e.per_recording]
+            changes += [self._held_out_change(other, i, self.candidate.without(i)) for i in judged]
+        return changes
+
+    def _held_out_change(self, other: HeldOut, effect_id: str, smaller: CandidateModel) -> HeldOutChange:
+        """From a smaller set, which lacks the effect, to the candidate."""
+        without, with_it = (_excited_rows(other.validation_fit(c.fit)) for c in (smaller, self.candidate))
+        separation = float((without - with_it) @ (without - with_it))
+        fall = float(without @ without - with_it @ with_it)
+        return HeldOutChange(effect_id, other.recording.name, fall, separation >= LEVELS.confusable)
 
     @cached_property
     def adequate(self) -> bool:
@@ -303,10 +376,9 @@ def _cost(fitted: Fit, noise: Sequence[RecordingNoise]) -> float:
     return fitted.problem.in_noise(noise).chi_square(fitted.theta)
 
 
-def _excited_cost(fitted: Fit) -> float:
-    """Whitened chi-square of the first recording's excited lines."""
-    rows = fitted.whitened_residual()[: fitted.noise[0].whitener.periodic_rows]
-    return float(rows @ rows)
+def _excited_rows(fitted: Fit) -> Array:
+    """Whitened residual of the first recording's excited lines."""
+    return fitted.whitened_residual()[: fitted.noise[0].whitener.periodic_rows]
 
 
 RejectedEffect = Callable[[AcceptanceEvidence], str | None]
@@ -337,6 +409,12 @@ ACCEPTANCE_RULES: tuple[AcceptanceRule, ...] = (
         "{e.at_bound[1]}",
     ),
     VerdictRule(
+        "an amount within the noise",
+        lambda e: e.within_noise is not None,
+        lambda e: e.within_noise,
+        f"its amount is within {WITHIN_STD} standard deviations of none",
+    ),
+    VerdictRule(
         "collinear with a tool parameter",
         lambda e: e.collinear_parameter is not None and e.lasting,
         _least_significant,
@@ -357,8 +435,8 @@ ACCEPTANCE_RULES: tuple[AcceptanceRule, ...] = (
     VerdictRule(
         "no smaller error on held-out data",
         lambda e: e.not_improved is not None,
-        _least_significant,
-        "it does not lower the error on held-out {e.not_improved}",
+        lambda e: e.not_improved and e.not_improved[0],
+        "it does not lower the error on held-out {e.not_improved[1]}",
     ),
     VerdictRule("no lack of fit", lambda e: e.adequate, _accepted),
     VerdictRule(
@@ -380,7 +458,10 @@ ACCEPTANCE_RULES: tuple[AcceptanceRule, ...] = (
 
 @dataclass(frozen=True, eq=False)
 class Acceptance:
-    """The accepted candidate, reasons for rejecting other effects, and held-out recordings with their disturbances."""
+    """The accepted candidate and the held-out recordings with their disturbances.
+
+    reasons  why other effects were rejected, or accepted ones kept though they do not help on held-out data
+    """
 
     candidate: CandidateModel
     reasons: dict[str, str]
@@ -397,10 +478,10 @@ def accept(
     """
     reasons: dict[str, str] = {}
     while True:
-        disturbed: tuple[HeldOut, ...] = ()
+        evidence = AcceptanceEvidence(candidate, base)
         try:
             disturbed = tuple(with_disturbances(h, candidate.fit, effects, candidate.cache) for h in held_out)
-            evidence = AcceptanceEvidence(candidate, base, disturbed)
+            evidence = replace(evidence, held_out=disturbed)
             rejected, reason = judge(ACCEPTANCE_RULES, evidence)
             effect_id = rejected(evidence)
         except InputError:
@@ -408,6 +489,6 @@ def accept(
             effect_id = AcceptanceEvidence(candidate, base).least_significant
             reason = "its prediction for the held-out motion has no solution"
         if effect_id is None:
-            return Acceptance(candidate, reasons, disturbed)
+            return Acceptance(candidate, reasons | evidence.untold, tuple(evidence.held_out))
         reasons[effect_id] = reason
         candidate = candidate.without(effect_id)
