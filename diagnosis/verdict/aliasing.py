@@ -163,7 +163,8 @@ class Alias:
     def closeness(self) -> str:
         """How close it comes, in a sentence."""
         if self.noncentrality >= LEVELS.confusable:
-            return f"the chi-square is higher by {self.excess_in_words} only"
+            higher = f"higher by {self.excess_in_words} only" if self.excess > 0 else "no higher"
+            return f"the chi-square is {higher}"
         return f"separation {self.noncentrality:.2g}, probability of confusion {self.error_probability:.0%}"
 
     @property

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -11,8 +11,10 @@ import pytest
 from scipy.stats import chi2, norm
 
 from diagnosis.acceptance import AcceptanceEvidence, accept, amount_p_value
+from diagnosis.diagnosis import diagnose
 from diagnosis.held_out import HeldOut
 from diagnosis.subset_search import CandidateModel
+from diagnosis.verdict_rule import RecordVerdict
 from estimation.case import Case
 from estimation.fit import Fit, fit
 from estimation.recordings.recording import Recording
@@ -22,6 +24,8 @@ from modeling.significance import LEVELS
 from tests.shared.recordings import recording_of
 from tests.shared.rigs import RIG
 from truewrench.simulated_rig import GravityTilt, HiddenEffect, PlanarRig, SensorGain, ViscousDrag, simulate
+from truewrench.simulated_rig.hidden_effect import ToolLoad
+from truewrench.simulated_rig.mujoco_scene import Array, Track
 
 pytest.importorskip("mujoco")
 
@@ -30,9 +34,10 @@ WRONG = SensorGain(errors=(("fy", 0.02),))
 
 
 @cache
-def run(seed: int, *hidden: HiddenEffect, name: str = "train") -> Recording:
+def run(seed: int, *hidden: HiddenEffect, name: str = "train", samples: int = 100) -> Recording:
     rig = PlanarRig()
-    frame = simulate(rig, rig.random_motion(seed=seed), hidden=hidden, repeats=4, samples_per_period=100, seed=seed)
+    motion = rig.random_motion(seed=seed)
+    frame = simulate(rig, motion, hidden=hidden, repeats=4, samples_per_period=samples, seed=seed)
     return recording_of(frame, name=name, rig=RIG)
 
 
@@ -115,3 +120,31 @@ def test_what_a_held_out_motion_cannot_show_is_kept_and_said() -> None:
     assert evidence.not_improved is None
     sentence = "kept though it does not lower the error on held-out other: the motion there does not show it"
     assert evidence.untold == {"gravity_tilt": sentence}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArctanFriction(ToolLoad):
+    """A friction torque whose step is an arctangent, with Stribeck's peak: neither is the catalogue's."""
+
+    id = "arctan_friction"
+    needs_motion = True
+    level: float
+    width: float
+    peak: float
+
+    def push(self, track: Track) -> tuple[Array, Array]:
+        """No force; the torque against the rotation."""
+        speed = np.linalg.norm(track.spin, axis=1, keepdims=True)
+        size = 2 / np.pi * np.arctan(speed / self.width) * (1 + self.peak * np.exp(-((speed / 0.1) ** 2)))
+        against = np.divide(track.spin, speed, out=np.zeros_like(track.spin), where=speed > 0)
+        return np.zeros_like(track.spin), -self.level * size * against
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("width", "peak"), [(0.005, 0.0), (0.02, 0.0), (0.02, 0.3)])
+def test_a_friction_of_another_law_is_named_alone(width: float, peak: float) -> None:
+    """What its law leaves, up to 1 % of it, is said to remain, and looked for in no other effect."""
+    recording = run(3, ArctanFriction(level=0.15, width=width, peak=peak), samples=250)
+    diagnosis = diagnose(planar(RIG), recording)
+    assert diagnosis.added == ("coulomb_friction",)
+    assert diagnosis.verdict in (RecordVerdict.PARTLY_EXPLAINED, RecordVerdict.EXPLAINED)
