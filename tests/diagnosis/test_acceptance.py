@@ -131,6 +131,7 @@ class ArctanFriction(ToolLoad):
     level: float
     width: float
     peak: float
+    d: float = 0.0
 
     def push(self, track: Track) -> tuple[Array, Array]:
         """No force; the torque against the rotation."""
