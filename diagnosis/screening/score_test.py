@@ -239,6 +239,9 @@ def search(fit: Fit, new: Effect, cache: ScreeningCache) -> ScoreTest:
     if not numbers or not everywhere:
         first = next(i for i, absent in enumerate(missing) if absent)
         return _not_excited(effect, f"no {_quantities(missing[first])} in {fit.recordings[first].name}")
+    if any(r.clock_offset is not None for r in fit.recordings):
+        (fit,) = cache.results([(TimeDelay.id, fit)], lambda key: _beside_clocks(key[1]))
+        model = fit.model + new
     if isinstance(effect, ThermalDrift) and all(noise.source is NoiseSource.RESIDUAL for noise in fit.noise):
         fit, cache = _in_noise_beside(fit, effect), cache.in_other_noise()
     null_model = cache.null_model(fit)
@@ -246,6 +249,12 @@ def search(fit: Fit, new: Effect, cache: ScreeningCache) -> ScoreTest:
     if not grid:
         return _not_excited(effect, "the recording has no position")
     return _best_of(projected_columns(null_model, model, effect, grid, cache), effect, grid_points(model, effect, grid))
+
+
+def _beside_clocks(fit: Fit) -> Fit:
+    """The fit beside an error of the clocks' offset, which was estimated: a small drag looks like one of two std."""
+    delay = TimeDelay()
+    return fit if delay.id in [e.id for e in fit.model.effects] else fit.refitted(fit.model + delay, fit.values)
 
 
 def _in_noise_beside(fit: Fit, effect: Effect) -> Fit:
