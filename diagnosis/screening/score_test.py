@@ -242,13 +242,20 @@ def search(fit: Fit, new: Effect, cache: ScreeningCache) -> ScoreTest:
     if any(r.clock_offset is not None for r in fit.recordings):
         (fit,) = cache.results([(TimeDelay.id, fit)], lambda key: _beside_clocks(key[1]))
         model = fit.model + new
-    if isinstance(effect, ThermalDrift) and all(noise.source is NoiseSource.RESIDUAL for noise in fit.noise):
+    if isinstance(effect, ThermalDrift) and all(
+        _is_of_run(r, n) for r, n in zip(fit.recordings, fit.noise, strict=True)
+    ):
         fit, cache = _in_noise_beside(fit, effect), cache.in_other_noise()
     null_model = cache.null_model(fit)
     grid = effect.nuisance_grid(search_domain(null_model, numbers[0], effect))
     if not grid:
         return _not_excited(effect, "the recording has no position")
     return _best_of(projected_columns(null_model, model, effect, grid, cache), effect, grid_points(model, effect, grid))
+
+
+def _is_of_run(recording: Recording, noise: RecordingNoise) -> bool:
+    """Whether a noise is that of the residual of a run in motion."""
+    return noise.source is NoiseSource.RESIDUAL and not recording.at_rest
 
 
 def _beside_clocks(fit: Fit) -> Fit:
