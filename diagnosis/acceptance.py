@@ -180,6 +180,11 @@ WITHIN_STD = round(chi2_isf(LEVELS.amount, 1) ** 0.5)
 """Std of nothing that `LEVELS.amount` is, of one amplitude."""
 UNTOLD_SENTENCE = "kept though it does not lower the error on held-out {}: the motion there does not show it"
 """Of an accepted effect."""
+SMALL_SENTENCE = (
+    f"kept though its amount is within {WITHIN_STD} standard deviations of none, as these hold what is slower than the"
+    " motion, in whose band it is significant"
+)
+"""Of an accepted effect of a single run."""
 LEAST_SHARE = 0.01
 """That an effect removes of what is beyond noise. In a single run its significance is by the residual's spectrum, which
 holds for noise: physics that no effect explains and that comes and goes makes some effect significant in every run. In
@@ -230,8 +235,12 @@ class AcceptanceEvidence:
 
     @cached_property
     def within_noise(self) -> str | None:
-        """The effect whose amount, as reported, is told least from none; None where all are beyond `LEVELS.amount`."""
-        fit = self.candidate.reported_fit
+        """The effect whose amount is told least from none; None where all are beyond `LEVELS.amount`.
+
+        As reported; of a run in the noise that its effects are tested in, as an ordinary estimate bears a drift, too.
+        """
+        of_run = noise_from_residual(self.candidate.fit)
+        fit = self.candidate.fit if of_run else self.candidate.reported_fit
         p_values = {e.id: amount_p_value(e, fit) for e in self.candidate.added}
         least = max(p_values, key=lambda effect_id: p_values[effect_id])
         return least if p_values[least] >= LEVELS.amount else None
@@ -283,12 +292,15 @@ class AcceptanceEvidence:
         return min(worse)[1:] if worse else None
 
     @property
-    def untold(self) -> dict[str, str]:
-        """Why effects are kept that lower the error on no held-out recording, as no motion there shows them."""
+    def reservations(self) -> dict[str, str]:
+        """Why effects are kept that lower the error on no held-out recording, or are reported with a large std."""
         helped = {c.effect_id for c in self._held_out_changes if c.fall > 0}
-        return {
+        untold = {
             c.effect_id: UNTOLD_SENTENCE.format(c.held_out) for c in self._held_out_changes if c.effect_id not in helped
         }
+        reported = self.candidate.reported_fit
+        small = [e.id for e in self.candidate.added if amount_p_value(e, reported) >= LEVELS.amount]
+        return dict.fromkeys(small, SMALL_SENTENCE) | untold
 
     @cached_property
     def _held_out_changes(self) -> list[HeldOutChange]:
@@ -480,7 +492,7 @@ ACCEPTANCE_RULES: tuple[AcceptanceRule, ...] = (
 class Acceptance:
     """The accepted candidate and the held-out recordings with their disturbances.
 
-    reasons  why other effects were rejected, or accepted ones kept though they do not help on held-out data
+    reasons  why other effects were rejected, or with what reservation accepted ones are kept
     """
 
     candidate: CandidateModel
@@ -509,6 +521,6 @@ def accept(
             effect_id = AcceptanceEvidence(candidate, base).least_significant
             reason = "its prediction for the held-out motion has no solution"
         if effect_id is None:
-            return Acceptance(candidate, reasons | evidence.untold, tuple(evidence.held_out))
+            return Acceptance(candidate, reasons | evidence.reservations, tuple(evidence.held_out))
         reasons[effect_id] = reason
         candidate = candidate.without(effect_id)

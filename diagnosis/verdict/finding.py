@@ -68,7 +68,7 @@ class EffectEvidence:
 
     screening   its score test given the model without it
     added       whether the final model has it
-    kept        why it was added though it does not help on held-out data, empty where it does, or there are none
+    kept        with what reservation it was added: held out it does not help, or its std is large; empty without any
     alias       the added effect's id and itself as an alias of that, None unless indistinguishable from one
     replacement the added effect's id and itself fitted in its place, where it is separated from that one
     rejection   why it was not accepted, None unless it was tried for acceptance
@@ -133,7 +133,7 @@ def beyond_range(screening: ScoreTest, space: Space) -> str | None:
 EffectRule = VerdictRule[EffectEvidence, EffectVerdict]
 V = EffectVerdict
 EFFECT_RULES: tuple[EffectRule, ...] = (
-    VerdictRule("added though held-out data do not tell", lambda e: e.added and e.kept != "", V.SUPPORTED, "{e.kept}"),
+    VerdictRule("added with a reservation", lambda e: e.added and e.kept != "", V.SUPPORTED, "{e.kept}"),
     VerdictRule("added to the model", lambda e: e.added, V.SUPPORTED),
     VerdictRule("alias of an added effect", lambda e: e.alias is not None, V.CONFUSABLE, ALIAS_SENTENCE),
     VerdictRule("not accepted", lambda e: e.rejection is not None, V.NOT_SUPPORTED, "rejected, because {e.rejection}"),
@@ -292,7 +292,7 @@ def judge_effects(
     """Findings on every candidate effect, the added ones first; the first of the rules that applies decides.
 
     `power` is the systematic power after each step (`explainable_power_by_step`), `rejections` says why an effect was
-    not accepted, or was though held-out data do not tell, by id.
+    not accepted, or with what reservation, by id.
     """
     fit, space = steps[-1].fit, final.fit.model.space
     aliases, screenings = aliases_of_added(selection, final, candidates), final.screened(candidates)

@@ -119,7 +119,7 @@ def test_what_a_held_out_motion_cannot_show_is_kept_and_said() -> None:
     evidence = AcceptanceEvidence(candidate, base, [deaf])
     assert evidence.not_improved is None
     sentence = "kept though it does not lower the error on held-out other: the motion there does not show it"
-    assert evidence.untold == {"gravity_tilt": sentence}
+    assert evidence.reservations == {"gravity_tilt": sentence}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -47,7 +47,7 @@ UNTRIED: dict[str, Any] = {"passed_over": True, "ended_adequate": True}
 """Reasons that others precede."""
 
 EFFECT_CASES: dict[str, tuple[EffectEvidence, EffectVerdict, str]] = {
-    "added though held-out data do not tell": (
+    "added with a reservation": (
         replace(NOTHING, added=True, kept="kept though it does not help"),
         EffectVerdict.SUPPORTED,
         "kept though it does not help",
