@@ -28,6 +28,7 @@ from estimation.multiplicity import bonferroni_p_value, bonferroni_threshold, ch
 from modeling.chain.chain import Stage
 from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel
+from modeling.effects.disturbances import ThermalDrift
 from modeling.effects.sensor import SensorCrosstalk
 from modeling.errors import InputError
 from modeling.parameter import Parameter, Role
@@ -65,15 +66,16 @@ def refit_in_own_noise(before: Fit, model: WrenchModel, start: dict[str, float])
     """A model refitted to the recordings of a fit in their noise, re-estimated where it comes from the residual.
 
     That of a model without the play of a large hysteresis takes most of it for noise, in which other widths fit as
-    well: the play is fitted by ordinary least squares first. So does that of an event, in which a transient effect
-    hardly counts: it is fitted in the noise outside first.
+    well: the play is fitted by ordinary least squares first, and so is a thermal drift. So does that of an event, in
+    which a transient effect hardly counts: it is fitted in the noise outside first.
     """
     if not noise_from_residual(before):
         return before.refitted(model, start)
     if any(effect.has_role(Role.ONSET, model.space) for effect in model.effects):
         before = replace(before, problem=before.problem.in_noise([noise.without_events for noise in before.noise]))
     after = before.refitted(model, start)
-    after = with_ordinary_estimate(after) if any(e.stage is Stage.PLAY for e in model.effects) else after
+    slow = any(e.stage is Stage.PLAY or isinstance(e, ThermalDrift) for e in model.effects)
+    after = with_ordinary_estimate(after) if slow else after
     return in_noise_beside_pose(after.in_noise(reestimated_noise(after)))
 
 

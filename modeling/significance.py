@@ -21,6 +21,10 @@ class DecisionLevels:
     held_out: float = 0.001
     """Lack of fit on each held-out recording, ten of which are as one fitted: a false alarm rejects a right model, and
     the errors of the training estimates, which the test counts, are known to first order alone."""
+    amount: float = 0.0455
+    """Amount of an added effect, all its amplitudes together, that is told from none, each: two std of one amplitude.
+    Its significance is by a score test, in whose noise another size may be reported with another std; one within two of
+    nothing reads as nothing, and moves the tool's parameters all the same."""
     offset: float = 0.01
     """Point of application beside the tip axis (score test of x and y, each effect), given an effect on the axis. A
     false alarm costs two parameters with the std that they have; a miss leaves a point that is off by less than three
@@ -41,6 +45,9 @@ class DecisionLevels:
     confusable: float = 10.8
     """Noncentrality lambda below which two models are confusable: the error probability Phi(-sqrt(lambda) / 2) of
     choosing between them is then 5 %, for each pair."""
+    confusable_by_readings: float = 5.9
+    """Chi-square of the readings that is higher with one of two models, below which they are confusable whatever their
+    lambda: likelihoods of 19 to 1, 2 ln 19, each pair."""
     separated: float = 21.6
     """Noncentrality lambda from which on two models count as separated: an error probability of 1 %, each pair."""
     separated_by_readings: float = 9.2

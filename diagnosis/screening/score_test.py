@@ -11,13 +11,14 @@ from math import ceil, inf, isfinite
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.comparison.slow_residual import SlowResidual
 from diagnosis.progress import CountCallback
 from diagnosis.screening.grid_search import grid_points, projected_columns, refine_onsets, search_domain
 from diagnosis.screening.null_model import ScreeningCache
 from diagnosis.screening.projection import PointTest, ProjectedColumns
 from diagnosis.screening.whitened_sensitivity import GridPoint
 from estimation.case import Case
-from estimation.fit import Fit, unchecked_fit
+from estimation.fit import Fit, reestimated_noise, unchecked_fit, with_ordinary_estimate
 from estimation.model_response import missing_inputs
 from estimation.multiplicity import (
     bonferroni_level,
@@ -32,6 +33,7 @@ from modeling.chain.chain import Stage
 from modeling.chain.effect import Effect, NuisanceValues
 from modeling.chain.model import WrenchModel
 from modeling.chain.prediction import compiled_prediction
+from modeling.effects.disturbances import ThermalDrift
 from modeling.effects.sensor import SensorLag, TimeDelay
 from modeling.noise import NoiseSource
 from modeling.parameter import Role
@@ -237,11 +239,43 @@ def search(fit: Fit, new: Effect, cache: ScreeningCache) -> ScoreTest:
     if not numbers or not everywhere:
         first = next(i for i, absent in enumerate(missing) if absent)
         return _not_excited(effect, f"no {_quantities(missing[first])} in {fit.recordings[first].name}")
+    if any(r.clock_offset is not None for r in fit.recordings):
+        (fit,) = cache.results([(TimeDelay.id, fit)], lambda key: _beside_clocks(key[1]))
+        model = fit.model + new
+    if isinstance(effect, ThermalDrift) and all(
+        _is_of_run(r, n) for r, n in zip(fit.recordings, fit.noise, strict=True)
+    ):
+        fit, cache = _in_noise_beside(fit, effect), cache.in_other_noise()
     null_model = cache.null_model(fit)
     grid = effect.nuisance_grid(search_domain(null_model, numbers[0], effect))
     if not grid:
         return _not_excited(effect, "the recording has no position")
     return _best_of(projected_columns(null_model, model, effect, grid, cache), effect, grid_points(model, effect, grid))
+
+
+def _is_of_run(recording: Recording, noise: RecordingNoise) -> bool:
+    """Whether a noise is that of the residual of a run in motion."""
+    return noise.source is NoiseSource.RESIDUAL and not recording.at_rest
+
+
+def _beside_clocks(fit: Fit) -> Fit:
+    """The fit beside an error of the clocks' offset, which was estimated: a small drag looks like one of two std."""
+    delay = TimeDelay()
+    return fit if delay.id in [e.id for e in fit.model.effects] else fit.refitted(fit.model + delay, fit.values)
+
+
+def _in_noise_beside(fit: Fit, effect: Effect) -> Fit:
+    """The fit of single runs in the noise that is estimated beside an effect, by ordinary least squares.
+
+    An autoregression of the residual takes a drift for slow noise, in which it does not show: in white noise that of a
+    warm-up by 3 K counts a hundredth of what it is. The fit itself where what the effect leaves is slower than noise:
+    a zero that wanders takes the shape of any temperature in part.
+    """
+    beside, units = with_ordinary_estimate(fit.refitted(fit.model + effect, fit.values)), fit.model.space.channel_units
+    left = zip(fit.recordings, beside.residuals, strict=True)
+    if any(SlowResidual.of_residual(r.name, residual, units).significant for r, residual in left):
+        return fit
+    return fit.in_noise(reestimated_noise(beside))
 
 
 def _best_of(projected: ProjectedColumns, effect: Effect, grid: Sequence[GridPoint]) -> ScoreTest:

@@ -155,6 +155,19 @@ class Alias:
         return error_probability(self.noncentrality)
 
     @property
+    def confusable(self) -> bool:
+        """Whether motions or readings do not tell it from the added effect, with an error above 5 %."""
+        return self.noncentrality < LEVELS.confusable or self.excess < LEVELS.confusable_by_readings
+
+    @property
+    def closeness(self) -> str:
+        """How close it comes, in a sentence."""
+        if self.noncentrality >= LEVELS.confusable:
+            higher = f"higher by {self.excess_in_words} only" if self.excess > 0 else "no higher"
+            return f"the chi-square is {higher}"
+        return f"separation {self.noncentrality:.2g}, probability of confusion {self.error_probability:.0%}"
+
+    @property
     def separated(self) -> bool:
         """Whether motions and readings separate it from the added effect, each with an error of 1 % or less."""
         return self.noncentrality >= LEVELS.separated and self.excess >= LEVELS.separated_by_readings

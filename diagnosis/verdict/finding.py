@@ -27,10 +27,7 @@ from modeling.table import Table, Tabular
 # Verdict rules on an effect.
 
 
-ALIAS_SENTENCE = (
-    "indistinguishable from {e.alias[0]} (separation {e.alias[1].noncentrality:.2g}, "
-    "probability of confusion {e.alias[1].error_probability:.0%})"
-)
+ALIAS_SENTENCE = "indistinguishable from {e.alias[0]} ({e.alias[1].closeness})"
 REPLACEMENT_SENTENCE = (
     "rejected, because in the place of {e.replacement[0]} it fits worse: the chi-square is higher by"
     " {e.replacement[1].excess_in_words}; beside it, it is collinear"
@@ -71,6 +68,7 @@ class EffectEvidence:
 
     screening   its score test given the model without it
     added       whether the final model has it
+    kept        with what reservation it was added: held out it does not help, or its std is large; empty without any
     alias       the added effect's id and itself as an alias of that, None unless indistinguishable from one
     replacement the added effect's id and itself fitted in its place, where it is separated from that one
     rejection   why it was not accepted, None unless it was tried for acceptance
@@ -84,6 +82,7 @@ class EffectEvidence:
     screening: ScoreTest
     space: Space
     added: bool = False
+    kept: str = ""
     alias: tuple[str, Alias] | None = None
     replacement: tuple[str, Alias] | None = None
     rejection: str | None = None
@@ -134,6 +133,7 @@ def beyond_range(screening: ScoreTest, space: Space) -> str | None:
 EffectRule = VerdictRule[EffectEvidence, EffectVerdict]
 V = EffectVerdict
 EFFECT_RULES: tuple[EffectRule, ...] = (
+    VerdictRule("added with a reservation", lambda e: e.added and e.kept != "", V.SUPPORTED, "{e.kept}"),
     VerdictRule("added to the model", lambda e: e.added, V.SUPPORTED),
     VerdictRule("alias of an added effect", lambda e: e.alias is not None, V.CONFUSABLE, ALIAS_SENTENCE),
     VerdictRule("not accepted", lambda e: e.rejection is not None, V.NOT_SUPPORTED, "rejected, because {e.rejection}"),
@@ -292,11 +292,11 @@ def judge_effects(
     """Findings on every candidate effect, the added ones first; the first of the rules that applies decides.
 
     `power` is the systematic power after each step (`explainable_power_by_step`), `rejections` says why an effect was
-    not accepted, by id.
+    not accepted, or with what reservation, by id.
     """
     fit, space = steps[-1].fit, final.fit.model.space
     aliases, screenings = aliases_of_added(selection, final, candidates), final.screened(candidates)
-    close = {i: [a for a in several if a.noncentrality < LEVELS.confusable] for i, several in aliases.items()}
+    close = {i: [a for a in several if a.confusable] for i, several in aliases.items()}
     removed = np.clip((power[:-1] - power[1:]) / max(power[0], 1e-300), 0.0, 1.0)
     unknown_excess = noise_from_residual(final.fit) or selection.base.adequate  # the former fits that noise
     excess = None if unknown_excess else selection.base.excess
@@ -310,7 +310,7 @@ def judge_effects(
             parameters={p.name: fit.parameters[p.name] for p in evidence.screening.effect.qualified(space)},
             closest=next(iter(aliases.get(evidence.id, ())), None),
         )
-        for evidence, share in zip(_evidence_on_added(final, steps), removed, strict=True)
+        for evidence, share in zip(_evidence_on_added(final, steps, rejections), removed, strict=True)
     ]
     adjusted = adjusted_p_values(screenings)
     absent = [
@@ -350,13 +350,16 @@ def _amounts(screening: ScoreTest, space: Space) -> dict[str, Estimate]:
     return {name: Estimate(name, value, std, units[name]) for name, (value, std) in screening.amounts.items()}
 
 
-def _evidence_on_added(final: CandidateModel, steps: Sequence[SelectionStep]) -> list[EffectEvidence]:
+def _evidence_on_added(
+    final: CandidateModel, steps: Sequence[SelectionStep], reasons: Mapping[str, str]
+) -> list[EffectEvidence]:
     """Evidence on each added effect: its score test given those added before it."""
     evidence = []
     for before, step in pairwise(steps):
         effect = next(e for e in final.added if e.id == step.effect)
         (test,) = screen(before.tested, [effect], candidates=final.candidates, cache=final.cache)
-        evidence.append(EffectEvidence(screening=replace(test, effect=effect), space=final.fit.model.space, added=True))
+        screening, kept = replace(test, effect=effect), reasons.get(effect.id, "")
+        evidence.append(EffectEvidence(screening=screening, space=final.fit.model.space, added=True, kept=kept))
     return evidence
 
 
@@ -373,7 +376,7 @@ def _evidence_on_absent(
     alias: dict[str, tuple[str, Alias]] = {}
     separated: dict[str, tuple[str, Alias]] = {}
     for added, several in aliases.items():
-        alias |= {a.effect.id: (added, a) for a in several if a.noncentrality < LEVELS.confusable}
+        alias |= {a.effect.id: (added, a) for a in several if a.confusable}
         separated |= {a.effect.id: (added, a) for a in several if a.separated}
     limits = {
         s.effect.id: contribution_upper_limit(final.fit, s, final.cache)

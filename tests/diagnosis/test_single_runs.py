@@ -203,6 +203,9 @@ def test_a_drag_beside_a_drift_explains_a_part(seed: int) -> None:
     assert found.added == ("viscous_drag",)
     assert found.verdict is RecordVerdict.PARTLY_EXPLAINED
     assert any(slow.above_noise for slow in found.slow_residuals)
+    (drag,) = (f for f in found.findings if f.effect.id in found.added)
+    within = drag.parameters["c"].value < 2 * drag.parameters["c"].std  # by what the drift adds to it
+    assert drag.reason.startswith("kept though its amount is within 2") == within
 
 
 def test_noise_is_no_part_of_what_can_be_explained() -> None:

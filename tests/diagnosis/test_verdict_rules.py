@@ -47,6 +47,11 @@ UNTRIED: dict[str, Any] = {"passed_over": True, "ended_adequate": True}
 """Reasons that others precede."""
 
 EFFECT_CASES: dict[str, tuple[EffectEvidence, EffectVerdict, str]] = {
+    "added with a reservation": (
+        replace(NOTHING, added=True, kept="kept though it does not help"),
+        EffectVerdict.SUPPORTED,
+        "kept though it does not help",
+    ),
     "added to the model": (replace(NOTHING, added=True), EffectVerdict.SUPPORTED, ""),
     "alias of an added effect": (
         replace(NOTHING, alias=("sensor_lag", Alias(DRAG, 4.0, 4.0))),
@@ -240,11 +245,12 @@ class KnownEvidence:
     held_out: Sequence[str] = ()
     unidentifiable: str | None = None
     at_bound: tuple[str, str] | None = None
+    within_noise: str | None = None
     lasting: bool = True
     collinear_parameter: str | None = None
     foreign: tuple[str, str] | None = None
     hardly_removes: str | None = None
-    not_improved: str | None = None
+    not_improved: tuple[str, str] | None = None
     adequate: bool = False
     holds_across_halves: bool = True
     inconsistent: tuple[str, str] | None = None
@@ -268,26 +274,35 @@ ACCEPTANCE_CASES: dict[str, list[tuple[KnownEvidence, str | None, str]]] = {
             "its c is at its bound",
         )
     ],
+    "an amount within the noise": [
+        (
+            KnownEvidence(within_noise="viscous_drag", collinear_parameter="m", adequate=True),
+            "viscous_drag",
+            "its amount is within 2 standard deviations of none",
+        )
+    ],
     "collinear with a tool parameter": [
         (KnownEvidence(collinear_parameter="m"), "sensor_lag", "it is collinear with the tool's m in these data")
     ],
     "a residual that is not the tool's": [
         (
-            KnownEvidence(foreign=("viscous_drag", "what it explains is mostly on tz"), not_improved="run 7"),
+            KnownEvidence(
+                foreign=("viscous_drag", "what it explains is mostly on tz"), not_improved=("sensor_lag", "run 7")
+            ),
             "viscous_drag",
             "what it explains is mostly on tz",
         )
     ],
     "hardly anything beside what remains": [
         (
-            KnownEvidence(hardly_removes="viscous_drag", not_improved="run 7"),
+            KnownEvidence(hardly_removes="viscous_drag", not_improved=("sensor_lag", "run 7")),
             "viscous_drag",
-            "it removes less than 1% of what a single run holds beyond noise, and more remains unexplained",
+            "it removes less than 1% of what is beyond noise, too little beside what remains unexplained",
         )
     ],
     "no smaller error on held-out data": [
         (
-            KnownEvidence(not_improved="run 7", adequate=True),
+            KnownEvidence(not_improved=("sensor_lag", "run 7"), adequate=True),
             "sensor_lag",
             "it does not lower the error on held-out run 7",
         )
@@ -340,6 +355,18 @@ def test_a_replacement_whose_fit_ended_early_is_worse_by_no_more_than_what_is_sa
     replacement = ("time_delay", Alias(named("sensor_lag"), 300.0, 289.2, converged=False))
     _, sentence = judge(EFFECT_RULES, replace(screened(reason="collinear"), replacement=replacement))
     assert "the chi-square is higher by up to 289;" in sentence
+
+
+def test_a_rival_that_the_readings_do_not_tell_is_named_whatever_the_motions_promise() -> None:
+    """2 ln 19 = 5.9: the likelihoods of the two are nearer than 19 to 1."""
+    sensor_lag = named("sensor_lag")
+    assert Alias(sensor_lag, 30.0, 5.8).confusable
+    assert not Alias(sensor_lag, 30.0, 5.9).confusable
+    assert Alias(sensor_lag, 10.7, 50.0).confusable
+    _, sentence = judge(EFFECT_RULES, replace(NOTHING, alias=("time_delay", Alias(sensor_lag, 30.0, 4.8))))
+    assert sentence == "indistinguishable from time_delay (the chi-square is higher by 4.8 only)"
+    _, sentence = judge(EFFECT_RULES, replace(NOTHING, alias=("time_delay", Alias(sensor_lag, 30.0, -1.0))))
+    assert sentence == "indistinguishable from time_delay (the chi-square is no higher)"
 
 
 def test_only_amounts_beyond_the_range_of_all_amplitudes_are_not_excited() -> None:
