@@ -75,6 +75,7 @@ class RecordEvidence:
     lack_of_fit           p-value in training, corrected for the number of recordings
     held_out_lack_of_fit  smallest p-value over the held-out recordings, 1 without any
     effects               number of effects added
+    transients            number of those that begin at a time of their own
     unaccepted            whether, in noise that is estimated from the residual, some effect was significant in the
                           search: the lack-of-fit test has little power there
     slow                  whether a slow part of a single run's residual exceeds the noise: drift or slow physics
@@ -94,6 +95,7 @@ class RecordEvidence:
     lack_of_fit: float
     held_out_lack_of_fit: float = 1.0
     effects: int = 0
+    transients: int = 0
     unaccepted: bool = False
     slow: bool = False
     removed_share: float = 1.0
@@ -128,6 +130,12 @@ RECORD_RULES: tuple[RecordRule, ...] = (
         "error within tolerance",
         lambda e: e.within_tolerance and not (e.deviates_outside or e.unrepeated),
         V.EXPLAINED,
+    ),
+    VerdictRule(
+        "several events, of which some are left",
+        lambda e: e.unrepeated and e.transients > 1,
+        V.UNEXPLAINED,
+        "other events are left beside it, so that nothing tells which of them it is",
     ),
     VerdictRule("systematic power at least halved", lambda e: e.power_share <= 0.5, V.PARTLY_EXPLAINED),
     VerdictRule(
@@ -470,6 +478,7 @@ class _Outcome:
             lack_of_fit=lack_of_fit(last.training),
             held_out_lack_of_fit=min((c.lack_of_fit for c in last.validation), default=1.0),
             effects=len(self.candidate.ids),
+            transients=sum(e.has_role(Role.ONSET, last.fit.model.space) for e in self.candidate.added),
             unaccepted=noise_from_residual(self.candidate.fit) and len(self.selection.tried) > 1,
             slow=any(s.above_noise for s in slow_residuals(last.training)),
             removed_share=removed_share_by_steps(self.steps),
@@ -606,10 +615,16 @@ def _unexplained(
     disturbed = next((c for c in step.training if c.events_left), None)
     if disturbed is not None:
         spans = ", ".join(f"{begin:.4g} to {end:.4g} s" for begin, end in disturbed.events_left)
-        where = (
-            f"one repeat of {disturbed.recording.name} deviates from the others from {spans}, which no effect explains"
-        )
+        name, which = disturbed.recording.name, "which no effect explains"
+        where = f"one repeat of {name} deviates from the others from {spans}, {which}"
+        if disturbed.recording.repeats == 2:
+            where = f"the two repeats of {name} differ from {spans}, or at that place of the other one, {which}"
         return replace(describe_residual(disturbed, tolerance), where=where)
+    pushed = next((c for c in step.training if c.noise.source is NoiseSource.RESIDUAL and c.noise.events), None)
+    if pushed is not None and not any(e.has_role(Role.ONSET, step.fit.model.space) for e in step.fit.model.effects):
+        spans = ", ".join(f"{begin:.4g} to {end:.4g} s" for begin, end in pushed.noise.events)
+        where = f"{pushed.recording.name} differs from what the tool reads from {spans}, which no effect explains"
+        return replace(describe_residual(pushed, tolerance), where=where)
     slow = next((s for s in slow_residuals(step.training) if s.above_noise), None)
     outside = next((left_out for left_out in rows if left_out.deviations), None)
     if outside is not None and slow is None and fitted.lack_of_fit >= LEVELS.effect:

@@ -16,7 +16,7 @@ from diagnosis.comparison.validation import StandardisedResidual, ValidationFit
 from estimation.fit import Fit
 from estimation.fit_column_space import fit_column_space, rows_of_recordings, run_spectrum
 from estimation.multiplicity import bonferroni_p_value, chi2_sf, chi_square_p_value, normal_isf
-from estimation.noise.events_in_repeats import find_events_in_repeats
+from estimation.noise.events_in_repeats import find_events_in_repeats, find_stretches_in_repeats
 from estimation.noise.power_spectrum import power_levels
 from estimation.noise.recording_noise import RecordingNoise, sample_step
 from estimation.noise.tones import without_shapes
@@ -306,17 +306,24 @@ class Comparison(Tabular):
 
     @cached_property
     def events_left(self) -> tuple[tuple[float, float], ...]:
-        """Intervals (s) in which one repeat deviates from the others, if the events of the noise are not explained."""
-        if not self.noise.events or self.noise.source is not NoiseSource.REPEATS:
+        """Intervals (s) in which one repeat deviates from the others, if the events of the noise are not explained.
+
+        Without such events, those in which it deviates by far more than elsewhere, to and fro.
+        """
+        if self.noise.source is not NoiseSource.REPEATS:
             return ()
         judged = [shape for shape in self.noise.shapes if shape.judged]
-        left = find_events_in_repeats(self.recording, without_shapes(self.residual, self.recording, judged))
+        residual = without_shapes(self.residual, self.recording, judged)
+        shapeless = without_shapes(self.residual, self.recording, self.noise.shapes)
+        stretches = find_stretches_in_repeats(self.recording, shapeless)
+        of_two = self.recording.repeats == 2
+        left = find_events_in_repeats(self.recording, residual) if self.noise.events or of_two else ()
         time = np.arange(self.recording.samples) * sample_step(self.recording)
         events, still = (
             np.any([(time >= begin) & (time < end) for begin, end in each] or [time < 0], axis=0)
             for each in (self.noise.events, left)
         )
-        return left if (events & still).sum() >= EVENTS_LEFT * events.sum() else ()
+        return left if of_two or (events & still).sum() >= EVENTS_LEFT * max(events.sum(), 1) else stretches
 
     @property
     def differs_between_repeats(self) -> bool:

@@ -1,6 +1,6 @@
-"""Transient events in a recording with repeats: intervals where one repeat deviates from the others.
+"""Intervals where one repeat is not as the others: events, in which it deviates, and stretches of larger noise.
 
-Generalised least squares over candidate windows, Bonferroni-corrected.
+Generalised least squares over candidate windows, and the mean power within them, both Bonferroni-corrected.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from estimation.multiplicity import chi2_isf
+from estimation.multiplicity import chi2_isf, normal_isf
 from estimation.noise.power_spectrum import PowerSpectrum, leakage_free, line_powers, smooth_power_spectra, transients
 from estimation.noise.recording_noise import sample_step
 from estimation.noise.tones import disturbance_basis, pulses
@@ -27,15 +27,22 @@ MAX_EVENTS = 3
 """Of a recording, at most; each is sought beside those before it."""
 
 
+ROUGH = 3
+"""Order of the differences that show noise alone: of a push, or of how a tool moves, next to nothing is left."""
+ROUGHER = 1.5
+"""Ratio of their scatter within a window to the usual one, from which a pulse there is judged in that noise."""
+
+
 def find_events_in_repeats(recording: Recording, residual: Array) -> tuple[tuple[float, float], ...]:
     """Intervals (s) in which a repeat deviates from the others by more than noise and drift explain.
 
     Rectangular pulses over a grid of starts and lengths are fitted one after another, together with drift, by
     generalised least squares at the non-excited lines, Bonferroni-corrected for all windows (1 in 1000). An event must
     be significant without its largest sample too: of an outlier nothing remains, of an event all but that sample in
-    white noise and one of its two edges in noise of strong low-frequency power.
+    white noise and one of its two edges in noise of strong low-frequency power. Of two repeats nothing tells which one
+    deviates: an event is in either.
     """
-    if recording.repeats < 3:
+    if not recording.continuous or recording.repeats < 2:
         return ()
     events: list[tuple[float, float]] = []
     weighted = _WeightedResidual(recording, residual)
@@ -65,11 +72,13 @@ class _WindowScores:
 
     def scores(self, windows: Windows) -> Array:
         """Chi-square of pulses over windows, with as many degrees of freedom as channels."""
+        return np.asarray(self.of_channels(windows).sum(axis=1))
+
+    def of_channels(self, windows: Windows) -> Array:
+        """That of each channel, (w, p)."""
         explained = (windows.sums(self.nuisance) ** 2).sum(axis=2)
         information = self.information[windows.last - windows.first]
-        return np.asarray(
-            (windows.sums(self.product) ** 2 / np.maximum(information - explained, 1e-3 * information)).sum(axis=1)
-        )
+        return np.asarray(windows.sums(self.product) ** 2 / np.maximum(information - explained, 1e-3 * information))
 
     def share_without_largest_sample(self, start: int, end: int) -> float:
         """Share of the pulse's product b' M r in its strongest channel without the largest sample."""
@@ -131,6 +140,15 @@ class _WeightedResidual:
         variances = variances_of_sums(np.fft.irfft(self.weight, n=len(self.residual), axis=0))
         return np.concatenate([np.zeros((1, variances.shape[1])), variances])
 
+    def local_power(self, first: int, last: int) -> Array:
+        """Power (p,) of what is rough within a window, over the usual one: of a push 1, of a burst of noise more."""
+        rough = np.abs(np.diff(self.residual - self.recording.averaged(self.residual), n=ROUGH, axis=0))
+        if last - first < 2 * EDGES:
+            return np.ones(rough.shape[1])
+        usual = np.median(rough, axis=0) / normal_isf(0.25)
+        ratio = _scatter(rough[max(first - 1, 0) : last]) / np.where(usual > 0, usual, np.inf)
+        return np.where(ratio > ROUGHER, ratio, 1.0) ** 2
+
     def window_scores(self, events: Sequence[tuple[float, float]]) -> _WindowScores:
         """The scores of windows beside drift, leakage and the events (s) found before."""
         disturbances = pulses(self.recording, events)
@@ -149,38 +167,47 @@ class _WeightedResidual:
         return _WindowScores(sums, np.stack(nuisance, axis=1), self.information)
 
 
+ENOUGH = 4
+"""Repeats, from which most pairs are without an event of one of them; of fewer, pieces are compared."""
+PIECES, LEAST_PIECE = 4, 60
+"""Pieces, and their samples at the least, of each of few repeats: an event is in some of them."""
+
+
 def _event_free_spectra(recording: Recording, residual: Array) -> tuple[PowerSpectrum, ...]:
     """Spectra from the quieter pairs of repeats: the lower quartile over all pairs of their difference's power.
 
-    An event in one or two repeats leaves enough pairs without it. Mean and variance of the quartile of such dependent
-    powers come from simulated white noise.
+    An event in one or two repeats leaves enough pairs without it, or in few repeats pairs of their pieces. Mean and
+    variance of the quartile of such dependent powers come from simulated white noise.
     """
-    repeats, period = recording.repeats, recording.samples_per_repeat
-    lines = np.fft.rfft(residual.reshape(repeats, period, -1), axis=1)[:, 1:-1]
-    mean, shape = _white_quartile(repeats)
-    index, step = np.arange(1, lines.shape[1] + 1), sample_step(recording)
+    repeats, step = recording.repeats, sample_step(recording)
+    pieces = 1 if repeats >= ENOUGH or recording.samples_per_repeat < PIECES * LEAST_PIECE else PIECES
+    length = recording.samples_per_repeat // pieces
+    cut = residual.reshape(repeats, recording.samples_per_repeat, -1)[:, : pieces * length]
+    lines = np.fft.rfft(cut.reshape(repeats, pieces, length, -1), axis=2)[:, :, 1:-1]
+    mean, shape = _white_quartile(repeats, pieces)
+    index = np.arange(1, lines.shape[2] + 1)
 
     def smoothed(lines: Lines, nyquist: float) -> tuple[PowerSpectrum, ...]:
-        power = _lower_quartile_of_pairs(lines / np.sqrt(period)) / mean
-        frequency, lowest = index / (period * step), 1 / (recording.samples * step)
+        power = _lower_quartile_of_pairs(lines / np.sqrt(length)) / mean
+        frequency, lowest = index / (length * step), 1 / (recording.samples * step)
         return smooth_power_spectra(frequency, power, shape=shape, start=lowest, nyquist=nyquist)
 
-    return leakage_free(lines, index, period, period, step, smoothed)[0]
+    return leakage_free(lines, index, length, length, step, smoothed)[0]
 
 
 @lru_cache
-def _white_quartile(repeats: int) -> tuple[float, float]:
+def _white_quartile(repeats: int, pieces: int) -> tuple[float, float]:
     """Mean of the lower quartile of white noise of unit variance, and the shape of a Gamma variable of its spread."""
-    drawn = np.random.default_rng(0).standard_normal((repeats, 4000, 2)) @ np.array([1, 1j]) / np.sqrt(2)
+    drawn = np.random.default_rng(0).standard_normal((repeats, pieces, 4000, 2)) @ np.array([1, 1j]) / np.sqrt(2)
     quartile = _lower_quartile_of_pairs(drawn)
     return float(quartile.mean()), float(quartile.mean() ** 2 / quartile.var())
 
 
 def _lower_quartile_of_pairs(lines: NDArray[np.complex128]) -> Array:
-    """Lower quartile over pairs of repeats (the first axis) of |difference|² / 2."""
+    """Lower quartile over pairs of repeats (the first axis), and their pieces (the second), of |difference|² / 2."""
     first, second = np.triu_indices(len(lines), 1)
-    power = np.sort(np.abs(lines[first] - lines[second]) ** 2 / 2, axis=0)
-    return np.asarray(power[(len(first) - 1) // 4])
+    power = np.sort((np.abs(lines[first] - lines[second]) ** 2 / 2).reshape(-1, *lines.shape[2:]), axis=0)
+    return np.asarray(power[(len(power) - 1) // 4])
 
 
 def _most_significant_window(
@@ -193,7 +220,11 @@ def _most_significant_window(
     score = tests.scores(windows)
     first, last = _refined_window(tests, windows.best(score), n)
     limit = chi2_isf(LEVELS.transient_in_repeats / len(windows), p)
-    if score.max() * tests.share_without_largest_sample(first, last) ** 2 < limit:
+    share = tests.share_without_largest_sample(first, last) ** 2
+    if score.max() * share < limit:
+        return None
+    (of_channels,) = tests.of_channels(Windows(np.array([first]), np.array([last])))
+    if (of_channels / weighted.local_power(first, last)).sum() * share < limit:
         return None
     step = sample_step(weighted.recording)
     return first * step, last * step
@@ -209,3 +240,119 @@ def _refined_window(tests: _WindowScores, window: Window, n: int) -> Window:
             return window
         step = max(1, step // 2) if best == window else step
         window = best
+
+
+def find_stretches_in_repeats(recording: Recording, residual: Array) -> tuple[tuple[float, float], ...]:
+    """Intervals (s) in which what a repeat deviates by from the others is far larger than noise, whatever its shape.
+
+    Such as an oscillation, of which no pulse explains much. Of repeats without pauses, three at least.
+    """
+    if recording.repeats < 3 or not recording.continuous:
+        return ()
+    drift, weight = disturbance_basis(recording, ()), _WeightedResidual(recording, residual).weight
+    lines = np.fft.rfft(residual - drift @ (drift.T @ residual), axis=0) * np.sqrt(weight)
+    white = np.fft.irfft(lines, n=len(residual), axis=0)
+    ratio = scatter_ratio(white.reshape(recording.repeats, recording.samples_per_repeat, -1))
+    step = sample_step(recording)
+    return tuple((first * step, last * step) for first, last in runs_of(np.any(ratio > 1, axis=1)))
+
+
+def runs_of(mask: NDArray[np.bool_]) -> list[Window]:
+    """First and last + 1 of the stretches in which a mask (n,) is true."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
+    return [(int(first), int(last)) for first, last in edges.reshape(-1, 2)]
+
+
+# Stretches of larger noise: the scatter about zero of a series, such as third differences or whitened deviations.
+
+BLOCK, MOST_BLOCKS = 8, 1000
+"""Samples whose mean power is a datum of the search, at least, and of how many such data it is at the most."""
+LARGEST_POWER = 6.0
+"""Of a sample over the usual one: what is more counts as this, so that a step or a spike is no noise."""
+EDGES = 8
+"""Samples, the largest of a stretch, that its scatter is taken without: a step reaches four third differences, a push
+has two."""
+NOISIER = 2.0
+"""Ratio of the scatter of a stretch to that of the other repeats then, from which it counts: a smaller one makes the
+std of an estimate wrong by a few percent."""
+OF_ONE = 1.5
+"""Times that ratio, from which it counts in one channel alone."""
+MOST_STRETCHES = 16
+"""Of a recording: one with more of them is noisy as a whole."""
+
+
+ROUNDS = 3
+"""Searches that follow each other: of two stretches that touch, the noisier one is still so when both weigh less."""
+
+
+def scatter_ratio(series: Array) -> Array:
+    """Scatter (n, p) of each repeat of a series (repeats, m, p) of zero mean over that of the others, 1 where it is as
+    usual; in stretches, each of one ratio or of several that follow each other."""
+    ratio = np.ones_like(series)
+    for _ in range(ROUNDS):
+        more = _noisy_stretches(series / ratio)
+        for first, last, times in more:
+            ratio.reshape(-1, series.shape[2])[first:last] *= times
+        if not more:
+            break
+    return ratio.reshape(-1, series.shape[2])
+
+
+def _noisy_stretches(series: Array) -> list[tuple[int, int, Array]]:
+    """Samples first <= t < last of a series (repeats, m, p) in which a repeat scatters more than it does elsewhere.
+
+    With the ratios (p,) of that scatter. And more than the others at the same place of the motion: noise that grows
+    with the speed is that of all repeats. Windows of blocks are tested by their mean power, of each channel and of all,
+    in the spread that blocks have. None if there were more than `MOST_STRETCHES`.
+    """
+    repeats, m, p = series.shape
+    size = np.abs(series).reshape(-1, p)
+    usual = np.median(size, axis=0) / normal_isf(0.25)
+    size, usual = size[:, usual > 0], usual[usual > 0]
+    block = max(BLOCK, len(size) // MOST_BLOCKS)
+    count = len(size) // block
+    if not len(usual) or count < 4 * repeats:
+        return []
+    power = np.minimum((size / usual) ** 2, LARGEST_POWER)[: count * block].reshape(count, block, -1).mean(axis=1)
+    power = np.column_stack([power, power.mean(axis=1)])
+    centre = np.median(power, axis=0)
+    spread = np.median(np.abs(power - centre), axis=0) / normal_isf(0.25)
+    quiet = np.where(np.abs(power - centre) < 3 * spread, power - centre, 0.0)
+    correlation = np.clip((quiet[1:] * quiet[:-1]).sum(axis=0) / (quiet**2).sum(axis=0), 0.0, 0.9)
+    freedom = 2 * (centre / spread) ** 2 * (1 - correlation) / (1 + correlation)  # of a block
+    windows = Windows.of_lengths(np.unique(np.geomspace(2, count // 3, 20).astype(int)), count)
+    length = (windows.last - windows.first)[:, None]
+    variance = 2 / (9 * freedom * length)  # of the cube root of a chi-square, which is nearly normal
+    mean = windows.sums(cumulative_sums(power)) / length / centre
+    score = np.max((np.cbrt(mean) - 1 + variance) / np.sqrt(variance), axis=1)
+    limit = float(normal_isf(LEVELS.transient_in_repeats / (len(windows) * power.shape[1])))
+    stretches: list[tuple[int, int, Array]] = []
+
+    def ratio_within(first: int, last: int) -> Array:
+        rows = np.arange(first, last)
+        within, *others = (_scatter(size[(rows + shift * m) % len(size)]) for shift in range(repeats))
+        beside = np.sort(others, axis=0)[(repeats - 2) // 4]  # the lower quartile, as others may be noisy there, too
+        return np.asarray(within / np.maximum(beside, usual))
+
+    for number in windows.best_disjoint(np.where(score > limit, score**2 - limit**2, 0.0)):
+        first, last = int(windows.first[number]) * block, int(windows.last[number]) * block
+        ratio = ratio_within(first, last)
+        if max(float(np.exp(np.mean(np.log(ratio)))), float(ratio.max()) / OF_ONE) < NOISIER:
+            continue
+        std = np.maximum(ratio, 1.0)
+        gain = cumulative_sums(np.sum((size / usual) ** 2 * (1 - std**-2) / 2 - np.log(std), axis=1))
+        before, middle = max(first - block, stretches[-1][1] if stretches else 0), (first + last) // 2
+        first = before + int(np.argmin(gain[before : max(middle, before + 1)]))
+        last = middle + int(np.argmax(gain[middle : last + block + 1]))
+        if last - first > 2 * EDGES:
+            std = np.maximum(ratio_within(first, last), 1.0)
+        every = np.ones(p)
+        every[np.median(np.abs(series), axis=(0, 1)) > 0] = std
+        stretches.append((first, last, every))
+    return stretches if len(stretches) <= MOST_STRETCHES else []
+
+
+def _scatter(size: Array) -> Array:
+    """Std (p,) of a stretch by a quantile of its absolute values (n, p), whatever the `EDGES` largest of them are."""
+    place = (len(size) - EDGES) // 2
+    return np.asarray(np.partition(size, place, axis=0)[place] / normal_isf(0.5 - (place + 0.5) / (2 * len(size))))

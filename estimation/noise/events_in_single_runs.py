@@ -149,8 +149,11 @@ def find_events_in_single_runs(
     events: list[tuple[tuple[float, float], ...]] = []
     for number, recording in enumerate(recordings):
         window = _event_window(averages, number, runs[number], mass) if single[number] else None
-        step = recording.samples / BLOCKS_PER_RUN * (recording.dt or 0.0)
-        events.append(() if window is None else ((window[0] * step, window[1] * step),))
+        if window is None:
+            events.append(())
+            continue
+        rows, dt = np.concatenate(runs[number].blocks[window[0] : window[1]]), recording.dt or 0.0
+        events.append(((float(rows[0]) * dt, float(rows[-1] + 1) * dt),))
     return tuple(events)
 
 

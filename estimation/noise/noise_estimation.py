@@ -74,8 +74,9 @@ def _from_non_excited_lines(recording: Recording, residual: Array, shapes: tuple
     """
     remaining = without_shapes(residual, recording, shapes)
     tones = find_tones(recording, remaining)
-    events = find_events_in_repeats(recording, without_sinusoids(remaining, recording, tones))
     n, repeats = len(residual), recording.repeats
+    toneless = without_sinusoids(remaining, recording, tones)
+    events = find_events_in_repeats(recording, toneless) if repeats > 2 else ()
     disturbances = disturbance_basis(recording, events, tones, shapes)
     smooth = disturbances if not events and not shapes else disturbance_basis(recording, (), tones)
     removed, removed_by_smooth = (_share_of_lines(basis) for basis in (disturbances, smooth))

@@ -14,8 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.multiplicity import chi2_sf
+from estimation.noise.events_in_repeats import runs_of
 from estimation.reading.recording_check import stops
 from estimation.readings.doubted_reading import DoubtedReading
+from estimation.readings.noisy_stretch import SteadiedRecording, noisy_reading, resolution
 from estimation.readings.rigid_tool import MEDIAN_SQUARE, SMALLEST_STD, THIRD
 from estimation.readings.static_dwells import RANK_TOLERANCE, beyond_linear, tool_load
 from estimation.recordings.recording import Recording
@@ -29,8 +31,6 @@ Mask = NDArray[np.bool_]
 MOVED = 3.0
 """Std of what a rigid tool lets expect of a channel while it keeps one value, over its residual elsewhere, from which
 it is frozen: at rest, or where the tool hardly loads it, a channel of coarse steps keeps its value too."""
-RESOLUTION = 0.05
-"""Quantile of a channel's changes that is its resolution where it changes in steps; else it is next to nothing."""
 COARSE = 10.0
 """Steps of a channel, instead of `MOVED`, where it changes in less than half of the rows: at rest it stays."""
 MOVED_SHARE = 0.1
@@ -97,7 +97,7 @@ class _Stretches:
         for begin, end in pairwise(ends):
             inside = np.arange(recording.repeats) * once
             good = [begin <= i and i + once <= end and usable[i : i + once].all() for i in inside]
-            whole += [(a * once, b * once) for a, b in _runs(np.array(good)) if b - a > 1]
+            whole += [(a * once, b * once) for a, b in runs_of(np.array(good)) if b - a > 1]
         if recording.repeats > 1 and whole:
             return self._named([_piece(recording, a, b, (b - a) // once) for a, b in whole])
         cuts = np.zeros(recording.samples, dtype=bool)
@@ -106,7 +106,7 @@ class _Stretches:
             cuts[once::once] = True
         least = max(LEAST_ROWS, LEAST_SHARE * recording.samples)
         pieces = []
-        for a, b in _runs(usable):
+        for a, b in runs_of(usable):
             parts = [a, *(int(a + 1 + i) for i in np.flatnonzero(cuts[a + 1 : b])), b]
             pieces += [(c, d) for c, d in pairwise(parts) if d - c >= least]
         return self._named([_piece(recording, a, b, 1) for a, b in pieces])
@@ -146,7 +146,13 @@ def without_bad_stretches(
         (recording,) if each is None else each.pieces for recording, each in zip(recordings, every, strict=True)
     )
     doubted = [each for each in every if each is not None]
-    return pieces, (*_frozen_reading(doubted), *_zeroed_reading(doubted))
+    noisy = [[SteadiedRecording.of(piece) for piece in each] for each in pieces]
+    readings = (
+        *_frozen_reading(doubted),
+        *_zeroed_reading(doubted),
+        *noisy_reading([n for each in noisy for n in each]),
+    )
+    return tuple(tuple(piece.steadied for piece in each) for each in noisy), readings
 
 
 def _stretches_of(recording: Recording, base: WrenchModel) -> _Stretches | None:
@@ -161,12 +167,6 @@ def _stretches_of(recording: Recording, base: WrenchModel) -> _Stretches | None:
     usable = doubted._usable[run.rows]
     doubted = replace(doubted, zeroed=replace(run, kept=run.kept & usable).zeroed(steps))
     return doubted if (doubted.stopped or doubted.zeroed) and doubted.pieces != (recording,) else None
-
-
-def _runs(mask: Mask) -> list[tuple[int, int]]:
-    """First and last + 1 of the stretches in which a mask (n,) is true."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
-    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
 def _piece(recording: Recording, first: int, last: int, repeats: int) -> tuple[Recording, float, float]:
@@ -249,9 +249,8 @@ class _Run:
             elsewhere = ~np.any([*inside, self.rows < 0], axis=0)
             if elsewhere.sum() < 2 * features.shape[1] or not stretches:
                 continue
-            resolution = float(np.quantile(changes[changes > 0], RESOLUTION))
             levels = MOVED if np.median(changes) > 0 else COARSE
-            least = max(MOVED_SHARE * float(np.std(read[elsewhere])), levels * resolution)
+            least = max(MOVED_SHARE * float(np.std(read[elsewhere])), levels * resolution(column))
             frozen = []
             for (first, last), within in zip(stretches, inside, strict=True):
                 expected = [_expected(read, features, used, within) for used in (elsewhere, ~within)]

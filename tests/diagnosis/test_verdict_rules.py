@@ -176,6 +176,13 @@ RECORD_CASES: dict[str, list[tuple[RecordEvidence, RecordVerdict, str]]] = {
         (replace(FITS, effects=2, unaccepted=True), RecordVerdict.EXPLAINED, ""),
     ],
     "error within tolerance": [(replace(MISFITS, effects=1, within_tolerance=True), RecordVerdict.EXPLAINED, "")],
+    "several events, of which some are left": [
+        (
+            replace(FITS, effects=2, transients=2, unrepeated=True, power_share=0.1),
+            RecordVerdict.UNEXPLAINED,
+            "other events are left beside it, so that nothing tells which of them it is",
+        ),
+    ],
     "systematic power at least halved": [
         (replace(MISFITS, effects=1, power_share=0.5), RecordVerdict.PARTLY_EXPLAINED, ""),
         (

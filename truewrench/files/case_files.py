@@ -148,7 +148,7 @@ MEANINGS = {
 """What the readings are by their convention."""
 
 
-OF_ROWS = ("static_dwells", "channel_frozen", "rezeroed")
+OF_ROWS = ("static_dwells", "channel_frozen", "rezeroed", "noisy_stretch")
 """Ids of readings of which rows a run is: they leave gravity and the sign to be decided."""
 
 
