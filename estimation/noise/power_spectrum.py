@@ -25,12 +25,16 @@ EULER = 0.5772
 """Mean of -log of an exponential variable of mean one."""
 MIN_ORDINATES = 8
 """Ordinates below which a curve of four coefficients and its smoothness are not identifiable."""
-CURVATURE_PRIORS = (1.0, 0.5)
-"""Standard deviations, a priori, of d² log S / d log f² over a unit of log f, from which Akaike's criterion chooses.
-The curvature of a first-order corner is 1 at the most, that of 1/f noise meeting a white floor 1/4: a stiffer curve
-would not follow it to the few lines where drift is tested, whatever the many lines above give."""
-
-
+CURVATURE_PRIORS = (0.5, 1.0, 4.0, 32.0)
+"""Standard deviations, a priori, of d² log S / d log f² over a unit of log f, from which the marginal likelihood
+chooses. The curvature of 1/f noise meeting a white floor is 1/4 at the most, that of a filter of order k at its corner
+k²: by 1 alone the spectrum behind a filter of order 8 is wrong by a factor of two in the octave of its corner."""
+FIRST_ORDER = 1.0
+"""Curvature of a first-order corner, the largest prior where ordinates are few: a stiffer curve would not follow it to
+the few lines where drift is tested, a freer one would follow the lines by chance."""
+MANY_ORDINATES = 10.0
+"""Of shape 1, in a unit of log f: with fewer there are not four, the coefficients of a cubic, in the width of a corner
+of order 2 or more."""
 MAX_PIECES = 24
 """Pieces of a spline in log f; twice as many in a `log_frequency` with an end, whose range is about twice as large."""
 
@@ -131,8 +135,8 @@ def smooth_power_spectra(
     periodogram, R-1 for an average over R-1 differences); `start` the lowest frequency at which S will be evaluated;
     `nyquist` half the sampling rate (Hz) of series that were filtered.
     With the log link the Fisher information of each ordinate is `shape` whatever S, so that each scoring step is one
-    penalised least-squares solve; the penalty on the curvature is chosen by Akaike's criterion. Ordinates above the
-    Bonferroni-corrected Gamma quantile (`LEVELS.ordinate`) are tones and left out, with their neighbours.
+    penalised least-squares solve; the penalty on the curvature is chosen by the marginal likelihood. Ordinates above
+    the Bonferroni-corrected Gamma quantile (`LEVELS.ordinate`) are tones and left out, with their neighbours.
     """
     begin = float(frequency.min()) if start is None else min(start, float(frequency.min()))
     grid = _Grid(log_frequency(frequency, nyquist), float(log_frequency(np.array([begin]), nyquist)[0]), nyquist)
@@ -192,26 +196,30 @@ class _Grid:
 def _penalised_spline(
     grid: _Grid, ordinates: Array, use: NDArray[np.bool_], shape: float
 ) -> tuple[PowerSpectrum, Array]:
-    """The curve of least Akaike criterion, and its values (m,) at the frequencies.
+    """The curve of the largest marginal likelihood (Laplace), and its values (m,) at the frequencies.
 
     With knots h apart the curvature of a cubic spline is D c / h², D second differences of its coefficients c, so that
-    the integral of its square over u is |D c|² / h³.
+    the integral of its square over u is |D c|² / h³. Priors are tried from the stiffest on while the likelihood rises.
     """
     power = ordinates[use]
     pieces = grid.pieces(len(power))
     knots, whole = grid.knots(pieces), grid.basis(pieces)
     step, basis = knots[1] - knots[0], whole[use]
     gram, second = basis.T @ basis, np.diff(np.eye(basis.shape[1]), 2, axis=0)
+    density = shape * np.abs(second) @ basis.sum(axis=0) / (4 * step)
     best: tuple[float, Array, Array, float] | None = None
-    for curvature in CURVATURE_PRIORS:
-        penalty = second.T @ second / (curvature**2 * step**3)
+    for prior in CURVATURE_PRIORS:
+        curvature = np.where(density < MANY_ORDINATES, min(prior, FIRST_ORDER), prior)
+        penalty = second.T @ (second / curvature[:, None] ** 2) / step**3
         covariance = np.linalg.inv(shape * gram + penalty)
         coefficients = _fisher_scoring(basis, power, covariance, penalty, shape)
-        freedom = float(np.sum(covariance * (shape * gram)))
         log_power = basis @ coefficients
-        criterion = 2 * shape * float(np.sum(log_power + power * np.exp(-log_power))) + 2 * freedom
-        if best is None or criterion < best[0]:
-            best = (criterion, coefficients, covariance, freedom)
+        criterion = 2 * shape * float(np.sum(log_power + power * np.exp(-log_power)))
+        criterion += float(coefficients @ penalty @ coefficients + 2 * np.log(curvature).sum())
+        criterion -= float(np.linalg.slogdet(covariance)[1])
+        if best is not None and criterion >= best[0]:
+            break
+        best = (criterion, coefficients, covariance, float(np.sum(covariance * (shape * gram))))
     assert best is not None
     curve = PowerSpectrum(knots, best[1], best[2], ~use, best[3], float(grid.u.min()), grid.nyquist)
     return curve, np.exp(whole @ curve.coefficients)
