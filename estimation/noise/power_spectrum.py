@@ -25,16 +25,14 @@ EULER = 0.5772
 """Mean of -log of an exponential variable of mean one."""
 MIN_ORDINATES = 8
 """Ordinates below which a curve of four coefficients and its smoothness are not identifiable."""
-CURVATURE_PRIORS = (0.5, 1.0, 4.0, 32.0)
+CURVATURE_PRIORS = (1.0, 4.0, 32.0)
 """Standard deviations, a priori, of d² log S / d log f² over a unit of log f, from which the marginal likelihood
-chooses. The curvature of 1/f noise meeting a white floor is 1/4 at the most, that of a filter of order k at its corner
-k²: by 1 alone the spectrum behind a filter of order 8 is wrong by a factor of two in the octave of its corner."""
-FIRST_ORDER = 1.0
-"""Curvature of a first-order corner, the largest prior where ordinates are few: a stiffer curve would not follow it to
-the few lines where drift is tested, a freer one would follow the lines by chance."""
+chooses. The curvature of a first-order corner is 1 at the most, that of 1/f noise meeting a white floor 1/4: a stiffer
+curve would not follow it to the few lines where drift is tested, whatever the many lines above give. That of a filter
+of order k is k² at its corner: by 1 alone the spectrum behind one of order 8 is wrong by a factor of two there."""
 MANY_ORDINATES = 10.0
 """Of shape 1, in a unit of log f: with fewer there are not four, the coefficients of a cubic, in the width of a corner
-of order 2 or more."""
+of order 2 or more, and the curve is as stiff as by the first prior; a freer one would follow the lines by chance."""
 MAX_PIECES = 24
 """Pieces of a spline in log f; twice as many in a `log_frequency` with an end, whose range is about twice as large."""
 
@@ -209,7 +207,7 @@ def _penalised_spline(
     density = shape * np.abs(second) @ basis.sum(axis=0) / (4 * step)
     best: tuple[float, Array, Array, float] | None = None
     for prior in CURVATURE_PRIORS:
-        curvature = np.where(density < MANY_ORDINATES, min(prior, FIRST_ORDER), prior)
+        curvature = np.where(density < MANY_ORDINATES, CURVATURE_PRIORS[0], prior)
         penalty = second.T @ (second / curvature[:, None] ** 2) / step**3
         covariance = np.linalg.inv(shape * gram + penalty)
         coefficients = _fisher_scoring(basis, power, covariance, penalty, shape)
