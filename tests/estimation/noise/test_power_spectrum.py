@@ -137,8 +137,8 @@ def test_spectrum_of_an_autoregressive_series(seed: int) -> None:
 def test_corner_of_a_steep_filter_is_followed() -> None:
     """Of order 8: a part of the lines about its corner has the power that the curve says.
 
-    The mean of 80 exponential ordinates errs by 0.11, and with the curve's own doubt by 0.16: 5 sigma, 1 in 1e6. A curve
-    no freer than a first-order corner is wrong by two there.
+    The mean of 80 exponential ordinates errs by 0.11, and with the curve's own doubt by 0.16: 5 sigma, 1 in 1e6. A
+    curve no freer than a first-order corner is wrong by two there.
     """
     rng, corner = np.random.default_rng(4), 0.05
     u = np.tan(np.pi * FREQUENCY) / np.tan(np.pi * corner)
