@@ -25,14 +25,17 @@ EULER = 0.5772
 """Mean of -log of an exponential variable of mean one."""
 MIN_ORDINATES = 8
 """Ordinates below which a curve of four coefficients and its smoothness are not identifiable."""
-CURVATURE_PRIORS = (1.0, 4.0, 32.0)
+CURVATURE_PRIORS = (0.5, 1.0, 4.0, 32.0)
 """Standard deviations, a priori, of d² log S / d log f² over a unit of log f, from which the marginal likelihood
-chooses. The curvature of a first-order corner is 1 at the most, that of 1/f noise meeting a white floor 1/4: a stiffer
-curve would not follow it to the few lines where drift is tested, whatever the many lines above give. That of a filter
-of order k is k² at its corner: by 1 alone the spectrum behind one of order 8 is wrong by a factor of two there."""
+chooses. The curvature of a first-order corner is 1 at the most, that of 1/f noise meeting a white floor 1/4, that of a
+filter of order k is k² at its corner: by 1 alone the spectrum behind one of order 8 is wrong by a factor of two there.
+The first is not for shapes below 1, of single runs: at the lowest lines of a residual the fit and its autoregression
+have absorbed noise, and a stiffer curve goes on as the lines above."""
+FIRST_ORDER = 1.0
+"""Largest prior where ordinates are few: a freer curve would follow the lines by chance."""
 MANY_ORDINATES = 10.0
 """Of shape 1, in a unit of log f: with fewer there are not four, the coefficients of a cubic, in the width of a corner
-of order 2 or more, and the curve is as stiff as by the first prior; a freer one would follow the lines by chance."""
+of order 2 or more."""
 MAX_PIECES = 24
 """Pieces of a spline in log f; twice as many in a `log_frequency` with an end, whose range is about twice as large."""
 
@@ -206,8 +209,8 @@ def _penalised_spline(
     gram, second = basis.T @ basis, np.diff(np.eye(basis.shape[1]), 2, axis=0)
     density = shape * np.abs(second) @ basis.sum(axis=0) / (4 * step)
     best: tuple[float, Array, Array, float] | None = None
-    for prior in CURVATURE_PRIORS:
-        curvature = np.where(density < MANY_ORDINATES, CURVATURE_PRIORS[0], prior)
+    for prior in CURVATURE_PRIORS[int(shape < 1) :]:
+        curvature = np.where(density < MANY_ORDINATES, min(prior, FIRST_ORDER), prior)
         penalty = second.T @ (second / curvature[:, None] ** 2) / step**3
         covariance = np.linalg.inv(shape * gram + penalty)
         coefficients = _fisher_scoring(basis, power, covariance, penalty, shape)
