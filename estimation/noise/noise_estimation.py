@@ -105,9 +105,10 @@ def _from_non_excited_lines(recording: Recording, residual: Array, shapes: tuple
     others = index[(index % repeats != 0) & ~tonal]
     order = np.concatenate([excited, others])
     ordered = np.maximum(order, 1) / (n * sample_step(recording))
-    levels = line_powers(spectra, n, recording.samples_per_repeat, sample_step(recording))[order]
-    white = lines[tone_free] / np.sqrt(n * power_levels(spectra, frequency[tone_free]))
-    root = _coherence_roots(non_excited[tone_free], white, order) / np.sqrt(levels)[:, None, :]
+    levels = line_powers(spectra, n, recording.samples_per_repeat, sample_step(recording))
+    weighted = levels[non_excited[tone_free]]
+    white, shares = lines[tone_free] / np.sqrt(n * weighted), power_levels(spectra, frequency[tone_free]) / weighted
+    root = _coherence_roots(non_excited[tone_free], white, shares, order) / np.sqrt(levels[order])[:, None, :]
     freedom = sum(s.freedom for s in spectra) / len(spectra) / len(non_excited)
     plain = FourierLineWhitener(n, repeats, excited, others, root * np.sqrt(1 - min(freedom, 0.5)))
     floor = repeat_noise_floor(recording, residual)
@@ -176,7 +177,8 @@ def _from_separate_runs(recording: Recording, residual: Array) -> RecordingNoise
     white = differences / np.sqrt(period * levels) * np.sqrt(repeats / (repeats - 1))
     used = tone_free & (excited > 0)
     index = np.tile(excited[used], repeats)
-    root = _coherence_roots(index, white[:, used].reshape(len(index), -1), excited[tone_free])
+    shares = np.tile((power_levels(spectra, np.maximum(frequency, frequency[1])) / levels)[used], (repeats, 1))
+    root = _coherence_roots(index, white[:, used].reshape(len(index), -1), shares, excited[tone_free])
     root = root / np.sqrt(levels[tone_free])[:, None, :]
     plain = FourierLineWhitener(
         period * repeats, repeats, excited[tone_free] * repeats, np.zeros(0, dtype=np.intp), root
@@ -185,12 +187,14 @@ def _from_separate_runs(recording: Recording, residual: Array) -> RecordingNoise
 
 
 def _coherence_roots(
-    index: NDArray[np.intp], white: NDArray[np.complex128], at: NDArray[np.intp]
+    index: NDArray[np.intp], white: NDArray[np.complex128], shares: Array, at: NDArray[np.intp]
 ) -> NDArray[np.complex128]:
     """Inverse roots (lines, p, p) of the channels' coherence at the lines `at`.
 
-    The coherence is averaged over bands of equally many lines and taken constant in each. An inverse of an average
-    of n products is too large by n / (n - p); the root carries the correction.
+    The coherence is averaged over bands of equally many lines and taken constant in each. Lines whose noise is a
+    smaller share (m, p) of the power by which they are weighted than others count for less: what leakage is left in
+    them is the same few values in every channel. An inverse of an average of n products is too large by n / (n - p),
+    with n of as many equal shares; the root carries the correction.
     """
     p = white.shape[1]
     order = np.argsort(index, kind="stable")
@@ -202,7 +206,9 @@ def _coherence_roots(
         matrix = rows.T @ rows.conj() / len(rows)
         scale = np.sqrt(np.real(np.diag(matrix)))
         matrix = matrix / np.outer(scale, scale)
-        roots.append(inverse_cholesky_factor(matrix) * np.sqrt((len(rows) - p) / len(rows)))
+        power = shares[band].mean(axis=1)
+        number = power.sum() ** 2 / (power**2).sum()
+        roots.append(inverse_cholesky_factor(matrix) * np.sqrt(max(1 - p / number, LEAST_REMAINING)))
     return np.stack(roots)[np.clip(np.searchsorted(edges, at, side="right") - 1, 0, bands - 1)]
 
 

@@ -25,17 +25,13 @@ EULER = 0.5772
 """Mean of -log of an exponential variable of mean one."""
 MIN_ORDINATES = 8
 """Ordinates below which a curve of four coefficients and its smoothness are not identifiable."""
-CURVATURE_PRIORS = (0.5, 1.0, 4.0, 32.0)
+CURVATURE_PRIORS = (1.0, 32.0)
 """Standard deviations, a priori, of d² log S / d log f² over a unit of log f, from which the marginal likelihood
 chooses. The curvature of a first-order corner is 1 at the most, that of 1/f noise meeting a white floor 1/4, that of a
-filter of order k is k² at its corner: by 1 alone the spectrum behind one of order 8 is wrong by a factor of two there.
-The first is not for shapes below 1, of single runs: at the lowest lines of a residual the fit and its autoregression
-have absorbed noise, and a stiffer curve goes on as the lines above."""
-FIRST_ORDER = 1.0
-"""Largest prior where ordinates are few: a freer curve would follow the lines by chance."""
+filter of order k is k² at its corner: by 1 alone the spectrum behind one of order 8 is wrong by a factor of two there."""
 MANY_ORDINATES = 10.0
 """Of shape 1, in a unit of log f: with fewer there are not four, the coefficients of a cubic, in the width of a corner
-of order 2 or more."""
+of order 2 or more, and the curve is as stiff as by the first prior: a freer one would follow the lines by chance."""
 MAX_PIECES = 24
 """Pieces of a spline in log f; twice as many in a `log_frequency` with an end, whose range is about twice as large."""
 
@@ -200,7 +196,7 @@ def _penalised_spline(
     """The curve of the largest marginal likelihood (Laplace), and its values (m,) at the frequencies.
 
     With knots h apart the curvature of a cubic spline is D c / h², D second differences of its coefficients c, so that
-    the integral of its square over u is |D c|² / h³. Priors are tried from the stiffest on while the likelihood rises.
+    the integral of its square over u is |D c|² / h³.
     """
     power = ordinates[use]
     pieces = grid.pieces(len(power))
@@ -209,8 +205,8 @@ def _penalised_spline(
     gram, second = basis.T @ basis, np.diff(np.eye(basis.shape[1]), 2, axis=0)
     density = shape * np.abs(second) @ basis.sum(axis=0) / (4 * step)
     best: tuple[float, Array, Array, float] | None = None
-    for prior in CURVATURE_PRIORS[int(shape < 1) :]:
-        curvature = np.where(density < MANY_ORDINATES, min(prior, FIRST_ORDER), prior)
+    for prior in CURVATURE_PRIORS:
+        curvature = np.where(density < MANY_ORDINATES, CURVATURE_PRIORS[0], prior)
         penalty = second.T @ (second / curvature[:, None] ** 2) / step**3
         covariance = np.linalg.inv(shape * gram + penalty)
         coefficients = _fisher_scoring(basis, power, covariance, penalty, shape)
@@ -218,9 +214,8 @@ def _penalised_spline(
         criterion = 2 * shape * float(np.sum(log_power + power * np.exp(-log_power)))
         criterion += float(coefficients @ penalty @ coefficients + 2 * np.log(curvature).sum())
         criterion -= float(np.linalg.slogdet(covariance)[1])
-        if best is not None and criterion >= best[0]:
-            break
-        best = (criterion, coefficients, covariance, float(np.sum(covariance * (shape * gram))))
+        if best is None or criterion < best[0]:
+            best = (criterion, coefficients, covariance, float(np.sum(covariance * (shape * gram))))
     assert best is not None
     curve = PowerSpectrum(knots, best[1], best[2], ~use, best[3], float(grid.u.min()), grid.nyquist)
     return curve, np.exp(whole @ curve.coefficients)
@@ -260,7 +255,7 @@ one row as the noise itself. An estimated spectrum of white noise has up to this
 MAX_SPECTRUM_ROUNDS = 8
 """Fits of the spectra, each without the leakage that the last ones give."""
 SETTLED_SPECTRUM = 0.05
-"""Largest change of log S between two rounds that ends them: a fraction of its standard deviation at any line."""
+"""Largest change of a line's log power between two rounds that ends them: a fraction of its std at any line."""
 LEAST_REMAINING = 0.5
 """Share of a line's noise that must remain after a projection for its ordinate to be used."""
 
@@ -388,20 +383,22 @@ def leakage_free(
     """
     cleaned = lines if start is None else start
     nuisances = np.zeros((len(index), 0)) if disturbances is None else disturbances
-    spectra, frequency = smoothed(cleaned, inf), index / (n * dt)
+    spectra = smoothed(cleaned, inf)
+    powers = line_powers(spectra, n, period, dt)[index]
     for _ in range(MAX_SPECTRUM_ROUNDS):
         series = transients(spectra, n, dt)
         if max(s.shape[1] for s in series) == FIRST_INNOVATIONS:
             break
-        weights, before = 1 / np.sqrt(line_powers(spectra, n, period, dt)[index]), power_levels(spectra, frequency)
         columns = [
             np.hstack([np.fft.rfft(transient, axis=0)[index], nuisances]).astype(np.complex128) for transient in series
         ]
+        weights = 1 / np.sqrt(powers)
         cleaned = np.stack(
             [_projected(lines[..., c], basis, weights[:, c]) for c, basis in enumerate(columns)], axis=-1
         )
         spectra = smoothed(cleaned, 1 / (2 * dt))
-        if np.abs(np.log(power_levels(spectra, frequency) / before)).max() < SETTLED_SPECTRUM:
+        before, powers = powers, line_powers(spectra, n, period, dt)[index]
+        if np.abs(np.log(powers / before)).max() < SETTLED_SPECTRUM:
             break
     return spectra, cleaned
 
