@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from estimation.autoregression import fit_autoregression
 from estimation.noise.events_in_repeats import find_events_in_repeats
 from estimation.noise.power_spectrum import (
+    CURVATURE_PRIORS,
     LEAST_REMAINING,
     PowerSpectrum,
     leakage_free,
@@ -86,7 +87,8 @@ def _from_non_excited_lines(recording: Recording, residual: Array, shapes: tuple
     frequency, lowest = non_excited / (n * sample_step(recording)), 1 / (n * sample_step(recording))
 
     def smoothed(lines: Lines, nyquist: float) -> tuple[PowerSpectrum, ...]:
-        return smooth_power_spectra(frequency, np.abs(lines) ** 2 / n, start=lowest, nyquist=nyquist)
+        power = np.abs(lines) ** 2 / n
+        return smooth_power_spectra(frequency, power, start=lowest, nyquist=nyquist, curvatures=CURVATURE_PRIORS)
 
     spectra, lines = leakage_free(
         lines / np.sqrt(1 - (removed - removed_by_smooth)[usable])[:, None],
@@ -166,7 +168,9 @@ def _from_separate_runs(recording: Recording, residual: Array) -> RecordingNoise
 
     def smoothed(differences: Lines, nyquist: float) -> tuple[PowerSpectrum, ...]:
         power, lowest = (np.abs(differences) ** 2).sum(0) / ((repeats - 1) * period), float(frequency[0])
-        return smooth_power_spectra(frequency[inner], power, shape=repeats - 1.0, start=lowest, nyquist=nyquist)
+        return smooth_power_spectra(
+            frequency[inner], power, shape=repeats - 1.0, start=lowest, nyquist=nyquist, curvatures=CURVATURE_PRIORS
+        )
 
     spectra, differences[:, inner] = leakage_free(
         differences[:, inner], inner, period, period, sample_step(recording), smoothed

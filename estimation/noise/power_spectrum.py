@@ -28,7 +28,8 @@ MIN_ORDINATES = 8
 CURVATURE_PRIORS = (1.0, 32.0)
 """Standard deviations, a priori, of d² log S / d log f² over a unit of log f, from which the marginal likelihood
 chooses. The curvature of a first-order corner is 1 at the most, that of 1/f noise meeting a white floor 1/4, that of a
-filter of order k is k² at its corner: by 1 alone the spectrum behind one of order 8 is wrong by a factor of two there."""
+filter of order k is k² at its corner: by 1 alone the spectrum behind one of order 8 is wrong by a factor of two there. Where events and tones are looked for
+only the first is tried: a freer curve follows them, and they are lost."""
 MANY_ORDINATES = 10.0
 """Of shape 1, in a unit of log f: with fewer there are not four, the coefficients of a cubic, in the width of a corner
 of order 2 or more, and the curve is as stiff as by the first prior: a freer one would follow the lines by chance."""
@@ -125,22 +126,23 @@ def smooth_power_spectra(
     shape: float = 1.0,
     start: float | None = None,
     nyquist: float = inf,
+    curvatures: Sequence[float] = CURVATURE_PRIORS[:1],
 ) -> tuple[PowerSpectrum, ...]:
     """Fit log S(f) to periodogram ordinates of each of p series by penalised Whittle likelihood.
 
     frequency  (m,) positive; ordinates (m, p) with mean S(f), distributed as Gamma of the given shape (1 for a single
     periodogram, R-1 for an average over R-1 differences); `start` the lowest frequency at which S will be evaluated;
-    `nyquist` half the sampling rate (Hz) of series that were filtered.
+    `nyquist` half the sampling rate (Hz) of series that were filtered; `curvatures` the priors that are tried.
     With the log link the Fisher information of each ordinate is `shape` whatever S, so that each scoring step is one
     penalised least-squares solve; the penalty on the curvature is chosen by the marginal likelihood. Ordinates above
     the Bonferroni-corrected Gamma quantile (`LEVELS.ordinate`) are tones and left out, with their neighbours.
     """
     begin = float(frequency.min()) if start is None else min(start, float(frequency.min()))
     grid = _Grid(log_frequency(frequency, nyquist), float(log_frequency(np.array([begin]), nyquist)[0]), nyquist)
-    return tuple(_smoothed(grid, column, shape) for column in ordinates.T)
+    return tuple(_smoothed(grid, column, shape, curvatures) for column in ordinates.T)
 
 
-def _smoothed(grid: _Grid, ordinates: Array, shape: float) -> PowerSpectrum:
+def _smoothed(grid: _Grid, ordinates: Array, shape: float, curvatures: Sequence[float]) -> PowerSpectrum:
     """The spectrum of ordinates (m,), without those that are tones."""
     valid = np.isfinite(ordinates) & (ordinates > 0)
     if valid.sum() < MIN_ORDINATES:
@@ -152,7 +154,7 @@ def _smoothed(grid: _Grid, ordinates: Array, shape: float) -> PowerSpectrum:
     limit = gamma_isf(LEVELS.ordinate / len(ordinates), shape) / shape
     tones, rounds = ~valid, MAX_TONE_ROUNDS
     while True:
-        curve, level = _penalised_spline(grid, ordinates, ~tones, shape)
+        curve, level = _penalised_spline(grid, ordinates, ~tones, shape, curvatures)
         exceeding = valid & (ordinates > limit * level)
         tonal = tones | exceeding | np.roll(exceeding, 1) | np.roll(exceeding, -1)
         settled, rounds = (tonal == tones).all() or tonal.mean() > 0.3, rounds - 1
@@ -191,7 +193,7 @@ class _Grid:
 
 
 def _penalised_spline(
-    grid: _Grid, ordinates: Array, use: NDArray[np.bool_], shape: float
+    grid: _Grid, ordinates: Array, use: NDArray[np.bool_], shape: float, curvatures: Sequence[float]
 ) -> tuple[PowerSpectrum, Array]:
     """The curve of the largest marginal likelihood (Laplace), and its values (m,) at the frequencies.
 
@@ -205,8 +207,8 @@ def _penalised_spline(
     gram, second = basis.T @ basis, np.diff(np.eye(basis.shape[1]), 2, axis=0)
     density = shape * np.abs(second) @ basis.sum(axis=0) / (4 * step)
     best: tuple[float, Array, Array, float] | None = None
-    for prior in CURVATURE_PRIORS:
-        curvature = np.where(density < MANY_ORDINATES, CURVATURE_PRIORS[0], prior)
+    for prior in curvatures:
+        curvature = np.where(density < MANY_ORDINATES, curvatures[0], prior)
         penalty = second.T @ (second / curvature[:, None] ** 2) / step**3
         covariance = np.linalg.inv(shape * gram + penalty)
         coefficients = _fisher_scoring(basis, power, covariance, penalty, shape)
