@@ -68,6 +68,15 @@ def test_intervals_hold_the_truth(name: str) -> None:
         assert missed < 9, (kind, missed)
 
 
+@pytest.mark.long(8)
+@pytest.mark.parametrize("repeats", [2, 6])
+def test_intervals_of_repeats_behind_a_filter_hold_the_truth(repeats: int) -> None:
+    """Of order 8. Of 30 draws 5 % miss, 1.5: 8 or more are 2 in 1e4 for one kind of parameter."""
+    for kind in covered("", Setting(repeats=repeats, samples=250), NOISES["order 8"], LeastSquares(), range(30)):
+        missed = (~kind.student).mean(axis=1).sum()
+        assert missed < 8, (kind.kind, missed)
+
+
 def test_normal_intervals_of_few_poses_do_not() -> None:
     """Student's quantile with 5 degrees of freedom is 2.57: errors between 1.96 and that are one in 16, of 40 draws
     and three kinds 7; none at all is 1 in 1000."""
