@@ -28,8 +28,8 @@ MIN_ORDINATES = 8
 CURVATURE_PRIORS = (1.0, 32.0)
 """Standard deviations, a priori, of d² log S / d log f² over a unit of log f, from which the marginal likelihood
 chooses. The curvature of a first-order corner is 1 at the most, that of 1/f noise meeting a white floor 1/4, that of a
-filter of order k is k² at its corner: by 1 alone the spectrum behind one of order 8 is wrong by a factor of two there. Where events and tones are looked for
-only the first is tried: a freer curve follows them, and they are lost."""
+filter of order k is k² at its corner: by 1 alone the spectrum behind one of order 8 is wrong by a factor of two there.
+Where events and tones are looked for only the first is tried: a freer curve follows them, and they are lost."""
 MANY_ORDINATES = 10.0
 """Of shape 1, in a unit of log f: with fewer there are not four, the coefficients of a cubic, in the width of a corner
 of order 2 or more, and the curve is as stiff as by the first prior: a freer one would follow the lines by chance."""
