@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from estimation.noise.power_spectrum import PowerSpectrum, smooth_power_spectra
+from estimation.noise.power_spectrum import CURVATURE_PRIORS, PowerSpectrum, smooth_power_spectra
 
 Array = NDArray[np.float64]
 
@@ -143,7 +143,8 @@ def test_corner_of_a_steep_filter_is_followed() -> None:
     rng, corner = np.random.default_rng(4), 0.05
     u = np.tan(np.pi * FREQUENCY) / np.tan(np.pi * corner)
     ordinates = rng.exponential(size=(len(FREQUENCY), 3)) / (1 + u**16)[:, None]
-    for column, curve in zip(ordinates.T, smooth_power_spectra(FREQUENCY, ordinates, nyquist=0.5), strict=True):
+    curves = smooth_power_spectra(FREQUENCY, ordinates, nyquist=0.5, curvatures=CURVATURE_PRIORS)
+    for column, curve in zip(ordinates.T, curves, strict=True):
         for low in (0.8, 0.95, 1.1):
             lines = (corner * low < FREQUENCY) & (corner * (low + 0.4) > FREQUENCY)
             assert abs((column[lines] / curve(FREQUENCY[lines])).mean() - 1) < 0.8
