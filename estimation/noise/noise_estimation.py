@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from math import inf
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -88,7 +89,7 @@ def _from_non_excited_lines(recording: Recording, residual: Array, shapes: tuple
 
     def smoothed(lines: Lines, nyquist: float) -> tuple[PowerSpectrum, ...]:
         power = np.abs(lines) ** 2 / n
-        return smooth_power_spectra(frequency, power, start=lowest, nyquist=nyquist, curvatures=CURVATURE_PRIORS)
+        return smooth_power_spectra(frequency, power, start=lowest, nyquist=nyquist, curvatures=_curvatures(nyquist))
 
     spectra, lines = leakage_free(
         lines / np.sqrt(1 - (removed - removed_by_smooth)[usable])[:, None],
@@ -115,6 +116,11 @@ def _from_non_excited_lines(recording: Recording, residual: Array, shapes: tuple
     plain = FourierLineWhitener(n, repeats, excited, others, root * np.sqrt(1 - min(freedom, 0.5)))
     floor = repeat_noise_floor(recording, residual)
     return _recording_noise(recording, floor, plain, spectra, ordered, events, tones, shapes)
+
+
+def _curvatures(nyquist: float) -> tuple[float, ...]:
+    """Priors of a spectrum's curvature: that of filters where leakage shows one, or a curve would follow slow drifts."""
+    return CURVATURE_PRIORS if nyquist < inf else CURVATURE_PRIORS[:1]
 
 
 def _share_of_lines(basis: Array) -> Array:
@@ -169,7 +175,7 @@ def _from_separate_runs(recording: Recording, residual: Array) -> RecordingNoise
     def smoothed(differences: Lines, nyquist: float) -> tuple[PowerSpectrum, ...]:
         power, lowest = (np.abs(differences) ** 2).sum(0) / ((repeats - 1) * period), float(frequency[0])
         return smooth_power_spectra(
-            frequency[inner], power, shape=repeats - 1.0, start=lowest, nyquist=nyquist, curvatures=CURVATURE_PRIORS
+            frequency[inner], power, shape=repeats - 1.0, start=lowest, nyquist=nyquist, curvatures=_curvatures(nyquist)
         )
 
     spectra, differences[:, inner] = leakage_free(
