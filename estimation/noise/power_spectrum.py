@@ -25,14 +25,15 @@ EULER = 0.5772
 """Mean of -log of an exponential variable of mean one."""
 MIN_ORDINATES = 8
 """Ordinates below which a curve of four coefficients and its smoothness are not identifiable."""
-CURVATURE_PRIORS = (1.0, 32.0)
+CURVATURE_PRIORS = (0.5, 1.0, 32.0)
 """Standard deviations, a priori, of d² log S / d log f² over a unit of log f, from which the marginal likelihood
 chooses. The curvature of a first-order corner is 1 at the most, that of 1/f noise meeting a white floor 1/4, that of a
 filter of order k is k² at its corner: by 1 alone the spectrum behind one of order 8 is wrong by a factor of two there.
-Where events and tones are looked for only the first is tried: a freer curve follows them, and they are lost."""
+The last is tried only where leakage shows a filter, and not where events and tones are looked for: a freer curve
+follows them, and they are lost."""
 MANY_ORDINATES = 10.0
 """Of shape 1, in a unit of log f: with fewer there are not four, the coefficients of a cubic, in the width of a corner
-of order 2 or more, and the curve is as stiff as by the first prior: a freer one would follow the lines by chance."""
+of order 2 or more, and the curve is as stiff as by the second prior: a freer one would follow the lines by chance."""
 MAX_PIECES = 24
 """Pieces of a spline in log f; twice as many in a `log_frequency` with an end, whose range is about twice as large."""
 
@@ -126,7 +127,7 @@ def smooth_power_spectra(
     shape: float = 1.0,
     start: float | None = None,
     nyquist: float = inf,
-    curvatures: Sequence[float] = CURVATURE_PRIORS[:1],
+    curvatures: Sequence[float] = CURVATURE_PRIORS[:2],
 ) -> tuple[PowerSpectrum, ...]:
     """Fit log S(f) to periodogram ordinates of each of p series by penalised Whittle likelihood.
 
@@ -208,7 +209,7 @@ def _penalised_spline(
     density = shape * np.abs(second) @ basis.sum(axis=0) / (4 * step)
     best: tuple[float, Array, Array, float] | None = None
     for prior in curvatures:
-        curvature = np.where(density < MANY_ORDINATES, curvatures[0], prior)
+        curvature = np.where(density < MANY_ORDINATES, min(prior, CURVATURE_PRIORS[1]), prior)
         penalty = second.T @ (second / curvature[:, None] ** 2) / step**3
         covariance = np.linalg.inv(shape * gram + penalty)
         coefficients = _fisher_scoring(basis, power, covariance, penalty, shape)
