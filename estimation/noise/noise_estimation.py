@@ -119,7 +119,7 @@ def _from_non_excited_lines(recording: Recording, residual: Array, shapes: tuple
 
 
 def _curvatures(nyquist: float) -> tuple[float, ...]:
-    """Priors of a spectrum's curvature: that of filters where leakage shows one, or a curve would follow slow drifts."""
+    """Priors of a spectrum's curvature: of a filter where leakage shows one, or a curve would follow drifts."""
     return CURVATURE_PRIORS[1:] if nyquist < inf else CURVATURE_PRIORS[:2]
 
 
