@@ -30,7 +30,7 @@ CURVATURE_PRIORS = (0.5, 1.0, 32.0)
 chooses. The curvature of a first-order corner is 1 at the most, that of 1/f noise meeting a white floor 1/4, that of a
 filter of order k is k² at its corner: by 1 alone the spectrum behind one of order 8 is wrong by a factor of two there.
 The last is tried only where leakage shows a filter, and not where events and tones are looked for: a freer curve
-follows them, and they are lost."""
+follows them. The first is not for shapes below 1, of single runs, whose fit and autoregression took lowest lines."""
 MANY_ORDINATES = 10.0
 """Of shape 1, in a unit of log f: with fewer there are not four, the coefficients of a cubic, in the width of a corner
 of order 2 or more, and the curve is as stiff as by the second prior: a freer one would follow the lines by chance."""
@@ -208,7 +208,7 @@ def _penalised_spline(
     gram, second = basis.T @ basis, np.diff(np.eye(basis.shape[1]), 2, axis=0)
     density = shape * np.abs(second) @ basis.sum(axis=0) / (4 * step)
     best: tuple[float, Array, Array, float] | None = None
-    for prior in curvatures:
+    for prior in curvatures[int(shape < 1) :]:
         curvature = np.where(density < MANY_ORDINATES, min(prior, CURVATURE_PRIORS[1]), prior)
         penalty = second.T @ (second / curvature[:, None] ** 2) / step**3
         covariance = np.linalg.inv(shape * gram + penalty)
