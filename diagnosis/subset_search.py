@@ -217,7 +217,7 @@ class CandidateModel:
     @cached_property
     def reported(self) -> tuple[Comparison, ...]:
         """Its recordings with the prediction of the reported fit."""
-        return self.comparisons if self.reported_fit is self.fit else comparisons_of(self.reported_fit)
+        return self.comparisons if self.reported_fit.theta is self.fit.theta else comparisons_of(self.reported_fit)
 
     @property
     def adequate(self) -> bool:

@@ -248,7 +248,11 @@ def _repeat_influences(fit: Fit) -> tuple[Array, ...]:
     ends = np.cumsum([noise.whitener.rows for noise in fit.noise])[:-1]
     influences = []
     per_recording = zip(
-        fit.recordings, fit.noise, fit.residuals, np.split(derivative @ fit.covariance, ends), strict=True
+        fit.recordings,
+        fit.noise,
+        fit.residuals,
+        np.split(derivative @ (fit.ordinary or fit).covariance, ends),
+        strict=True,
     )
     for recording, noise, residual, gain in per_recording:
         selection = np.kron(np.eye(recording.repeats), np.ones((recording.samples_per_repeat, 1)))

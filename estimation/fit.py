@@ -438,12 +438,15 @@ def with_ordinary_estimate(fitted: Fit) -> Fit:
 
 
 def with_coloured_std(fitted: Fit) -> Fit:
-    """The fit with the std in the spectrum of its residual, where a rig states the std of a run, but not its colour."""
+    """The fit with the std of its intervals where the weights alone do not tell them: in the spectrum of the residual
+    where a rig states the std of a run, but not its colour, and of repeats with the error of the weights."""
     from estimation.confidence_intervals import may_be_coloured  # loads scipy.special
     from estimation.ordinary_estimate import covariance_in_noise
 
     parts = zip(fitted.recordings, fitted.noise, strict=True)
-    if not any(noise.source is NoiseSource.RIG and may_be_coloured(recording, noise) for recording, noise in parts):
+    if not any(
+        n.source is NoiseSource.REPEATS or (n.source is NoiseSource.RIG and may_be_coloured(r, n)) for r, n in parts
+    ):
         return fitted
     return replace(fitted, covariance=covariance_in_noise(fitted), ordinary=fitted)
 

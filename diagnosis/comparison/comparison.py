@@ -17,7 +17,7 @@ from estimation.fit import Fit
 from estimation.fit_column_space import fit_column_space, rows_of_recordings, run_spectrum
 from estimation.multiplicity import bonferroni_p_value, chi2_sf, chi_square_p_value, normal_isf
 from estimation.noise.events_in_repeats import find_events_in_repeats, find_stretches_in_repeats
-from estimation.noise.power_spectrum import power_levels
+from estimation.noise.power_spectrum import line_powers, power_levels
 from estimation.noise.recording_noise import RecordingNoise, sample_step
 from estimation.noise.tones import without_shapes
 from estimation.noise.whitening import AutoregressiveWhitener, FourierLineWhitener
@@ -478,7 +478,7 @@ def comparison_of(fit: Fit, number: int) -> Comparison:
         lack_of_fit=p_value,
         smallest_lack_of_fit=smallest_lack_of_fit(noise),
         cross_validated_gain=gain,
-        unrepeated_power=_unrepeated_power(noise, tested),
+        unrepeated_power=_unrepeated_power(recording, noise, tested),
     )
 
 
@@ -538,7 +538,8 @@ def lack_of_fit_test(
     noise = fit.noise[number]
     rows, leverage = tested.rows, tested.leverage
     excited = noise.whitener.periodic_rows
-    total = (rows[:excited] ** 2).sum() / max(1.0, excited - leverage[:excited].sum())
+    expected = ((1 - leverage) * expected_squares(fit.recordings[number], noise))[:excited].sum()
+    total = (rows[:excited] ** 2).sum() / max(1.0, expected)
     p_values, coloured = [], _record_power_variance(fit, number)
     for band in frequency_bands(noise):
         degrees_of_freedom = band.sum() - leverage[band].sum()
@@ -550,12 +551,25 @@ def lack_of_fit_test(
     return float(total), bonferroni_p_value(p_values)
 
 
-def _unrepeated_power(noise: RecordingNoise, tested: StandardisedResidual) -> float:
-    """Mean square of the whitened rows of the lines that do not repeat; 1 where there are none."""
+def expected_squares(recording: Recording, noise: RecordingNoise) -> Array:
+    """Mean square (rows,) of each whitened row of noise: 1, but less where leakage is part of a line's weight."""
+    whitener = noise.whitener
+    if not isinstance(whitener, FourierLineWhitener) or noise.spectra[0].nyquist == np.inf:
+        return np.ones(whitener.rows)
+    once = recording.samples_per_repeat
+    samples = recording.samples if len(whitener.non_excited_lines) else once
+    lines = np.concatenate([whitener.excited_lines, whitener.non_excited_lines]) * samples // recording.samples
+    weights = line_powers(noise.spectra, samples, once, sample_step(recording))[lines]
+    shares = power_levels(noise.spectra, noise.frequency) / weights
+    return np.concatenate([shares, shares], axis=1).ravel()
+
+
+def _unrepeated_power(recording: Recording, noise: RecordingNoise, tested: StandardisedResidual) -> float:
+    """Mean square of the whitened rows of the lines that do not repeat, over that of noise; 1 where there are none."""
     if not isinstance(noise.whitener, FourierLineWhitener):
         return 1.0
     others = slice(noise.whitener.periodic_rows, None)
-    freedom = len(tested.rows[others]) - float(tested.leverage[others].sum())
+    freedom = float(((1 - tested.leverage) * expected_squares(recording, noise))[others].sum())
     return float((tested.rows[others] ** 2).sum()) / freedom if freedom > LEAST_FREEDOM else 1.0
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from math import inf
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from estimation.autoregression import fit_autoregression
 from estimation.noise.events_in_repeats import find_events_in_repeats
 from estimation.noise.power_spectrum import (
+    CURVATURE_PRIORS,
     LEAST_REMAINING,
     PowerSpectrum,
     leakage_free,
@@ -87,7 +89,8 @@ def _from_non_excited_lines(recording: Recording, residual: Array, shapes: tuple
     frequency, lowest = non_excited / (n * sample_step(recording)), 1 / (n * sample_step(recording))
 
     def smoothed(lines: Lines, nyquist: float) -> tuple[PowerSpectrum, ...]:
-        return smooth_power_spectra(frequency, np.abs(lines) ** 2 / n, start=lowest, nyquist=nyquist)
+        power = np.abs(lines) ** 2 / n
+        return smooth_power_spectra(frequency, power, start=lowest, nyquist=nyquist, curvatures=_curvatures(nyquist))
 
     spectra, lines = leakage_free(
         lines / np.sqrt(1 - (removed - removed_by_smooth)[usable])[:, None],
@@ -106,13 +109,19 @@ def _from_non_excited_lines(recording: Recording, residual: Array, shapes: tuple
     others = index[(index % repeats != 0) & ~tonal]
     order = np.concatenate([excited, others])
     ordered = np.maximum(order, 1) / (n * sample_step(recording))
-    levels = line_powers(spectra, n, recording.samples_per_repeat, sample_step(recording))[order]
-    white = lines[tone_free] / np.sqrt(n * power_levels(spectra, frequency[tone_free]))
-    root = _coherence_roots(non_excited[tone_free], white, order) / np.sqrt(levels)[:, None, :]
+    levels = line_powers(spectra, n, recording.samples_per_repeat, sample_step(recording))
+    weighted = levels[non_excited[tone_free]]
+    white, shares = lines[tone_free] / np.sqrt(n * weighted), power_levels(spectra, frequency[tone_free]) / weighted
+    root = _coherence_roots(non_excited[tone_free], white, shares, order) / np.sqrt(levels[order])[:, None, :]
     freedom = sum(s.freedom for s in spectra) / len(spectra) / len(non_excited)
     plain = FourierLineWhitener(n, repeats, excited, others, root * np.sqrt(1 - min(freedom, 0.5)))
     floor = repeat_noise_floor(recording, residual)
     return _recording_noise(recording, floor, plain, spectra, ordered, events, tones, shapes)
+
+
+def _curvatures(nyquist: float) -> tuple[float, ...]:
+    """Priors of a spectrum's curvature: of a filter where leakage shows one, or a curve would follow drifts."""
+    return CURVATURE_PRIORS[1:] if nyquist < inf else CURVATURE_PRIORS[:2]
 
 
 def _share_of_lines(basis: Array) -> Array:
@@ -166,7 +175,9 @@ def _from_separate_runs(recording: Recording, residual: Array) -> RecordingNoise
 
     def smoothed(differences: Lines, nyquist: float) -> tuple[PowerSpectrum, ...]:
         power, lowest = (np.abs(differences) ** 2).sum(0) / ((repeats - 1) * period), float(frequency[0])
-        return smooth_power_spectra(frequency[inner], power, shape=repeats - 1.0, start=lowest, nyquist=nyquist)
+        return smooth_power_spectra(
+            frequency[inner], power, shape=repeats - 1.0, start=lowest, nyquist=nyquist, curvatures=_curvatures(nyquist)
+        )
 
     spectra, differences[:, inner] = leakage_free(
         differences[:, inner], inner, period, period, sample_step(recording), smoothed
@@ -177,7 +188,8 @@ def _from_separate_runs(recording: Recording, residual: Array) -> RecordingNoise
     white = differences / np.sqrt(period * levels) * np.sqrt(repeats / (repeats - 1))
     used = tone_free & (excited > 0)
     index = np.tile(excited[used], repeats)
-    root = _coherence_roots(index, white[:, used].reshape(len(index), -1), excited[tone_free])
+    shares = np.tile((power_levels(spectra, np.maximum(frequency, frequency[1])) / levels)[used], (repeats, 1))
+    root = _coherence_roots(index, white[:, used].reshape(len(index), -1), shares, excited[tone_free])
     root = root / np.sqrt(levels[tone_free])[:, None, :]
     plain = FourierLineWhitener(
         period * repeats, repeats, excited[tone_free] * repeats, np.zeros(0, dtype=np.intp), root
@@ -186,12 +198,14 @@ def _from_separate_runs(recording: Recording, residual: Array) -> RecordingNoise
 
 
 def _coherence_roots(
-    index: NDArray[np.intp], white: NDArray[np.complex128], at: NDArray[np.intp]
+    index: NDArray[np.intp], white: NDArray[np.complex128], shares: Array, at: NDArray[np.intp]
 ) -> NDArray[np.complex128]:
     """Inverse roots (lines, p, p) of the channels' coherence at the lines `at`.
 
-    The coherence is averaged over bands of equally many lines and taken constant in each. An inverse of an average
-    of n products is too large by n / (n - p); the root carries the correction.
+    The coherence is averaged over bands of equally many lines and taken constant in each. Lines whose noise is a
+    smaller share (m, p) of the power by which they are weighted than others count for less: what leakage is left in
+    them is the same few values in every channel. An inverse of an average of n products is too large by n / (n - p),
+    with n of as many equal shares; the root carries the correction.
     """
     p = white.shape[1]
     order = np.argsort(index, kind="stable")
@@ -203,7 +217,9 @@ def _coherence_roots(
         matrix = rows.T @ rows.conj() / len(rows)
         scale = np.sqrt(np.real(np.diag(matrix)))
         matrix = matrix / np.outer(scale, scale)
-        roots.append(inverse_cholesky_factor(matrix) * np.sqrt((len(rows) - p) / len(rows)))
+        power = shares[band].mean(axis=1)
+        number = power.sum() ** 2 / (power**2).sum()
+        roots.append(inverse_cholesky_factor(matrix) * np.sqrt(max(1 - p / number, LEAST_REMAINING)))
     return np.stack(roots)[np.clip(np.searchsorted(edges, at, side="right") - 1, 0, bands - 1)]
 
 

@@ -25,12 +25,15 @@ EULER = 0.5772
 """Mean of -log of an exponential variable of mean one."""
 MIN_ORDINATES = 8
 """Ordinates below which a curve of four coefficients and its smoothness are not identifiable."""
-CURVATURE_PRIORS = (1.0, 0.5)
-"""Standard deviations, a priori, of d² log S / d log f² over a unit of log f, from which Akaike's criterion chooses.
-The curvature of a first-order corner is 1 at the most, that of 1/f noise meeting a white floor 1/4: a stiffer curve
-would not follow it to the few lines where drift is tested, whatever the many lines above give."""
-
-
+CURVATURE_PRIORS = (0.5, 1.0, 32.0)
+"""Standard deviations, a priori, of d² log S / d log f² over a unit of log f, from which the marginal likelihood
+chooses. The curvature of a first-order corner is 1 at the most, that of 1/f noise meeting a white floor 1/4, that of a
+filter of order k is k² at its corner: by 1 alone the spectrum behind one of order 8 is wrong by a factor of two there.
+The last is tried only where leakage shows a filter, and not where events and tones are looked for: a freer curve
+follows them. The first is not for shapes below 1, of single runs, whose fit and autoregression took lowest lines."""
+MANY_ORDINATES = 10.0
+"""Of shape 1, in a unit of log f: with fewer there are not four, the coefficients of a cubic, in the width of a corner
+of order 2 or more, and the curve is as stiff as by the second prior: a freer one would follow the lines by chance."""
 MAX_PIECES = 24
 """Pieces of a spline in log f; twice as many in a `log_frequency` with an end, whose range is about twice as large."""
 
@@ -124,22 +127,23 @@ def smooth_power_spectra(
     shape: float = 1.0,
     start: float | None = None,
     nyquist: float = inf,
+    curvatures: Sequence[float] = CURVATURE_PRIORS[:2],
 ) -> tuple[PowerSpectrum, ...]:
     """Fit log S(f) to periodogram ordinates of each of p series by penalised Whittle likelihood.
 
     frequency  (m,) positive; ordinates (m, p) with mean S(f), distributed as Gamma of the given shape (1 for a single
     periodogram, R-1 for an average over R-1 differences); `start` the lowest frequency at which S will be evaluated;
-    `nyquist` half the sampling rate (Hz) of series that were filtered.
+    `nyquist` half the sampling rate (Hz) of series that were filtered; `curvatures` the priors that are tried.
     With the log link the Fisher information of each ordinate is `shape` whatever S, so that each scoring step is one
-    penalised least-squares solve; the penalty on the curvature is chosen by Akaike's criterion. Ordinates above the
-    Bonferroni-corrected Gamma quantile (`LEVELS.ordinate`) are tones and left out, with their neighbours.
+    penalised least-squares solve; the penalty on the curvature is chosen by the marginal likelihood. Ordinates above
+    the Bonferroni-corrected Gamma quantile (`LEVELS.ordinate`) are tones and left out, with their neighbours.
     """
     begin = float(frequency.min()) if start is None else min(start, float(frequency.min()))
     grid = _Grid(log_frequency(frequency, nyquist), float(log_frequency(np.array([begin]), nyquist)[0]), nyquist)
-    return tuple(_smoothed(grid, column, shape) for column in ordinates.T)
+    return tuple(_smoothed(grid, column, shape, curvatures) for column in ordinates.T)
 
 
-def _smoothed(grid: _Grid, ordinates: Array, shape: float) -> PowerSpectrum:
+def _smoothed(grid: _Grid, ordinates: Array, shape: float, curvatures: Sequence[float]) -> PowerSpectrum:
     """The spectrum of ordinates (m,), without those that are tones."""
     valid = np.isfinite(ordinates) & (ordinates > 0)
     if valid.sum() < MIN_ORDINATES:
@@ -151,7 +155,7 @@ def _smoothed(grid: _Grid, ordinates: Array, shape: float) -> PowerSpectrum:
     limit = gamma_isf(LEVELS.ordinate / len(ordinates), shape) / shape
     tones, rounds = ~valid, MAX_TONE_ROUNDS
     while True:
-        curve, level = _penalised_spline(grid, ordinates, ~tones, shape)
+        curve, level = _penalised_spline(grid, ordinates, ~tones, shape, curvatures)
         exceeding = valid & (ordinates > limit * level)
         tonal = tones | exceeding | np.roll(exceeding, 1) | np.roll(exceeding, -1)
         settled, rounds = (tonal == tones).all() or tonal.mean() > 0.3, rounds - 1
@@ -190,9 +194,9 @@ class _Grid:
 
 
 def _penalised_spline(
-    grid: _Grid, ordinates: Array, use: NDArray[np.bool_], shape: float
+    grid: _Grid, ordinates: Array, use: NDArray[np.bool_], shape: float, curvatures: Sequence[float]
 ) -> tuple[PowerSpectrum, Array]:
-    """The curve of least Akaike criterion, and its values (m,) at the frequencies.
+    """The curve of the largest marginal likelihood (Laplace), and its values (m,) at the frequencies.
 
     With knots h apart the curvature of a cubic spline is D c / h², D second differences of its coefficients c, so that
     the integral of its square over u is |D c|² / h³.
@@ -202,16 +206,19 @@ def _penalised_spline(
     knots, whole = grid.knots(pieces), grid.basis(pieces)
     step, basis = knots[1] - knots[0], whole[use]
     gram, second = basis.T @ basis, np.diff(np.eye(basis.shape[1]), 2, axis=0)
+    density = shape * np.abs(second) @ basis.sum(axis=0) / (4 * step)
     best: tuple[float, Array, Array, float] | None = None
-    for curvature in CURVATURE_PRIORS:
-        penalty = second.T @ second / (curvature**2 * step**3)
+    for prior in curvatures[int(shape < 1) :]:
+        curvature = np.where(density < MANY_ORDINATES, min(prior, CURVATURE_PRIORS[1]), prior)
+        penalty = second.T @ (second / curvature[:, None] ** 2) / step**3
         covariance = np.linalg.inv(shape * gram + penalty)
         coefficients = _fisher_scoring(basis, power, covariance, penalty, shape)
-        freedom = float(np.sum(covariance * (shape * gram)))
         log_power = basis @ coefficients
-        criterion = 2 * shape * float(np.sum(log_power + power * np.exp(-log_power))) + 2 * freedom
+        criterion = 2 * shape * float(np.sum(log_power + power * np.exp(-log_power)))
+        criterion += float(coefficients @ penalty @ coefficients + 2 * np.log(curvature).sum())
+        criterion -= float(np.linalg.slogdet(covariance)[1])
         if best is None or criterion < best[0]:
-            best = (criterion, coefficients, covariance, freedom)
+            best = (criterion, coefficients, covariance, float(np.sum(covariance * (shape * gram))))
     assert best is not None
     curve = PowerSpectrum(knots, best[1], best[2], ~use, best[3], float(grid.u.min()), grid.nyquist)
     return curve, np.exp(whole @ curve.coefficients)
@@ -251,7 +258,7 @@ one row as the noise itself. An estimated spectrum of white noise has up to this
 MAX_SPECTRUM_ROUNDS = 8
 """Fits of the spectra, each without the leakage that the last ones give."""
 SETTLED_SPECTRUM = 0.05
-"""Largest change of log S between two rounds that ends them: a fraction of its standard deviation at any line."""
+"""Largest change of a line's log power between two rounds that ends them: a fraction of its std at any line."""
 LEAST_REMAINING = 0.5
 """Share of a line's noise that must remain after a projection for its ordinate to be used."""
 
@@ -379,20 +386,22 @@ def leakage_free(
     """
     cleaned = lines if start is None else start
     nuisances = np.zeros((len(index), 0)) if disturbances is None else disturbances
-    spectra, frequency = smoothed(cleaned, inf), index / (n * dt)
+    spectra = smoothed(cleaned, inf)
+    powers = line_powers(spectra, n, period, dt)[index]
     for _ in range(MAX_SPECTRUM_ROUNDS):
         series = transients(spectra, n, dt)
         if max(s.shape[1] for s in series) == FIRST_INNOVATIONS:
             break
-        weights, before = 1 / np.sqrt(line_powers(spectra, n, period, dt)[index]), power_levels(spectra, frequency)
         columns = [
             np.hstack([np.fft.rfft(transient, axis=0)[index], nuisances]).astype(np.complex128) for transient in series
         ]
+        weights = 1 / np.sqrt(powers)
         cleaned = np.stack(
             [_projected(lines[..., c], basis, weights[:, c]) for c, basis in enumerate(columns)], axis=-1
         )
         spectra = smoothed(cleaned, 1 / (2 * dt))
-        if np.abs(np.log(power_levels(spectra, frequency) / before)).max() < SETTLED_SPECTRUM:
+        before, powers = powers, line_powers(spectra, n, period, dt)[index]
+        if np.abs(np.log(powers / before)).max() < SETTLED_SPECTRUM:
             break
     return spectra, cleaned
 
