@@ -63,7 +63,6 @@ def run(rig: SimulatedRig, seed: int, *hidden: HiddenEffect, repeats: int = 1, s
 SPATIAL_KINDS: dict[str, Callable[[], pd.DataFrame]] = {
     "single": lambda: run(SPATIAL, 1),
     "repeats with a drag": lambda: run(SPATIAL, 2, DRAG, repeats=3),
-    "long": lambda: run(SPATIAL, 3, samples=4000),
     "long with a drag": lambda: run(SPATIAL, 3, DRAG, samples=4000),
     "static": lambda: static_poses(SPATIAL, 24, seed=4),
 }
