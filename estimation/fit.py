@@ -448,7 +448,8 @@ def with_coloured_std(fitted: Fit) -> Fit:
         n.source is NoiseSource.REPEATS or (n.source is NoiseSource.RIG and may_be_coloured(r, n)) for r, n in parts
     ):
         return fitted
-    return replace(fitted, covariance=covariance_in_noise(fitted), ordinary=fitted)
+    plain = fitted.ordinary or fitted  # one that is reported already stays as it is
+    return replace(fitted, covariance=covariance_in_noise(plain), ordinary=plain)
 
 
 def _whole_recordings(

@@ -84,7 +84,7 @@ def test_every_kind_of_result_is_here() -> None:
     elsewhere = {
         "LimitUse", "ExcitingTrajectory", "DiscriminationDesign", "WeakDuality", "DualityBound",  # tests of designs
         "Survey", "ReadingReport", "CentreOfMass", "PoseAdvice", "ContactPoint", "ContactFilter",
-        "ErrorsInVariables", "ConstrainedMinimum", "Equations", "Errata", "Calibration",
+        "ErrorsInVariables", "ConstrainedMinimum", "Equations", "Errata", "Calibration", "Discovery",
     }  # fmt: skip
     assert all(hasattr(tw, name) for name in tw.__all__)  # type: ignore[attr-defined]  # each imports its module
     known = {type(RESULTS[name]()).__name__ for name in PRESENTED}
