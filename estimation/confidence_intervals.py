@@ -27,8 +27,6 @@ MAX_DEGREES_OF_FREEDOM = 1e4
 """Upper limit of the degrees of freedom: from here on the t quantile is the normal one to four digits."""
 MIN_DEGREES_OF_FREEDOM = 2.0
 """Lower limit: that of the power at a record's lowest line, whose scatter the extrapolated spectrum omits."""
-MAX_LOG_VARIANCE = np.pi**2 / 6
-"""Of the logarithm of a line's power: that with `MIN_DEGREES_OF_FREEDOM`."""
 LEAST_POWER = 1e-12
 """Of a line of the residual, relative to a stated noise."""
 MIN_RESIDUAL_SHARE = 0.5
@@ -110,9 +108,8 @@ def intervals(fit: Solution, *, level: float = LEVELS.confidence, pull: Array | 
     trigamma(f / 2): f = 2 trigamma^-1(v) (F. E. Satterthwaite, Biometrics Bull. 2 (1946) 110-114, on the logarithm).
     Error over std is then Student's t with f degrees of freedom.
 
-    That is all where the noise is wrong by one factor. Of repeats each line's power is wrong by its own, and estimates
-    lean on lines that seem quieter than they are: to first order the variance is larger by the factor
-    1 + 2 (sum_r q_r var(log power_r) - v) (M. G. Kenward and J. H. Roger, Biometrics 53 (1997) 983-997).
+    That is all where the noise is wrong by one factor. Of repeats each line's power is wrong by its own: there the
+    variance counts the error of the weights, too (`RecordingNoise.error_of_weights`).
 
     A single run is whitened by an autoregression of its own residual, whose low-frequency part depends on few samples
     and on the orders tried, or by the std that its rig states, which says nothing of the noise's colour. The spectrum
@@ -188,10 +185,7 @@ def may_be_coloured(recording: Recording, noise: RecordingNoise) -> bool:
 def _row_contribution(noise: RecordingNoise, squares: Array) -> VarianceContribution:
     """Whitened rows as they are: squared influences (rows, k); of repeats with the error of their weights."""
     variance = squares.sum(axis=0)
-    if noise.source is NoiseSource.REPEATS:
-        shares = squares / np.maximum(variance, 1e-300)
-        of_lines = np.minimum(noise.log_power_variance, MAX_LOG_VARIANCE) @ shares
-        variance = variance * (1 + 2 * np.maximum(of_lines - noise.log_power_variance_of(shares), 0.0))
+    variance = variance * noise.error_of_weights(squares / np.maximum(variance, 1e-300))
     return VarianceContribution(variance, lambda total: noise.log_power_variance_of(squares / total))
 
 

@@ -24,7 +24,7 @@ pytest.importorskip("mujoco")
 
 README = ROOT / "README.md"
 TEXT = README.read_text(encoding="utf-8")
-COMMANDS = {"calibrate", "compare", "compensate", "design", "diagnose", "effects", "emit", "fit", "survey"}
+COMMANDS = {"calibrate", "compare", "compensate", "design", "diagnose", "discover", "effects", "emit", "fit", "survey"}
 PUSH = ContactEvent(start=6.0, end=8.0)
 
 

@@ -64,6 +64,8 @@ def noise_levels(null_model: NullModel, ranges: RowRanges, fitted: Array, tested
     for noise, leverage, (first_row, _), (start, end) in each:
         share, variance = shares[start:end].sum(axis=0), noise.log_power_variance_of(shares[start:end], first_row)
         if leverage is None:
+            of_own = shares[start:end] / np.where(share > 0, share, 1.0)
+            share = share * noise.error_of_weights(of_own, first_row)
             levels = [x.and_known(*more) for x, *more in zip(levels, share, variance, strict=True)]
             continue
         taken = leverage + (lines(directions[start:end], leverage.shape[1]) ** 2).sum(axis=2)

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+MAX_LOG_VARIANCE = np.pi**2 / 6
+"""Of the logarithm of a line's power: that with two degrees of freedom, as a periodogram's has."""
 DRAWN_SAMPLES = 50_000
 """Samples of all draws together."""
 FEWEST_DRAWS, MOST_DRAWS = 4, 16
@@ -182,6 +184,18 @@ class RecordingNoise:
         within = slice(rows.start // (2 * p), rows.stop // (2 * p))
         curves = zip(self.spectra, self._bases, lines, strict=True)
         return np.asarray(sum(s.mean_log_variance(basis[within], weights.T) for s, basis, weights in curves))
+
+    def error_of_weights(self, shares: Array, first: int = 0) -> Array:
+        """Factor (g,) of variances of sums to which rows contribute by `shares` (r, g), as `log_power_variance_of`.
+
+        Where the noise is wrong by one factor there is none. Of repeats each line's power is wrong by its own, and what
+        is estimated leans on lines that seem quieter than they are: to first order the variance is larger by
+        1 + 2 (sum_r q_r var(log power_r) - var(log sum)) (M. G. Kenward and J. H. Roger, Biometrics 53 (1997) 983-997).
+        """
+        if self.source is not NoiseSource.REPEATS:
+            return np.ones(shares.shape[1])
+        of_lines = np.minimum(self.log_power_variance[first : first + len(shares)], MAX_LOG_VARIANCE) @ shares
+        return np.asarray(1 + 2 * np.maximum(of_lines - self.log_power_variance_of(shares, first), 0.0))
 
     @cached_property
     def _bases(self) -> tuple[Array, ...]:
