@@ -109,7 +109,7 @@ FORMS: Mapping[str, tuple[Space, tuple[str, ...]]] = {
     "Magnus": (Space.PLANE, ("F = c v x w at d",)),
     "magnet": (Space.PLANE, ("F = c |n|^-4 n at d",)),
     "eddy current": (Space.PLANE, ("F = c |n|^-3 v at d",)),
-    "seventh of a turn": (Space.PLANE, ("fx = harmonic(7 q2)",)),
+    "seventh of a turn": (Space.PLANE, ("fx = harmonic(7 q2)", "fx = c sin(7 q2)", "fx = c cos(7 q2)")),
     "rate squared": (Space.PLANE, ("tau = c |w|^2", "T = |w|^2 h")),
     "rotor": (Space.SPACE, ("T = h x w", "T = c w x e")),
     "cubic spin": (Space.SPACE, ("T = c |w|^2 w",)),

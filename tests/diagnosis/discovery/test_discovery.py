@@ -66,8 +66,7 @@ def test_noise_has_no_equation(noise: str) -> None:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("noise", ["white", "autoregressive", "pink_and_lines"])
-@pytest.mark.parametrize("seed", [5, 6])
+@pytest.mark.parametrize(("noise", "seed"), [("white", 5), ("autoregressive", 6), ("pink_and_lines", 5)])
 def test_no_noise_of_six_axes_has_an_equation(noise: str, seed: int) -> None:
     assert not discovered(Space.SPACE, (), 4, noise, seed).found
 

@@ -274,7 +274,6 @@ PLANAR_KINDS: dict[str, Callable[[], pd.DataFrame]] = {
     "single": lambda: run(PLANAR, 1),
     "single with a drag": lambda: run(PLANAR, 1, DRAG),
     "repeats with a drag": lambda: run(PLANAR, 2, DRAG, repeats=3),
-    "long": lambda: run(PLANAR, 3, samples=4000),
     "long with a drag": lambda: run(PLANAR, 3, DRAG, samples=4000),
     "static": lambda: static_poses(PLANAR, 24, seed=4).drop(columns="temperature"),
 }
