@@ -43,7 +43,8 @@ REFINEMENTS = 120
 ODDS = 100.0
 """Odds within which a term is in the set of those that cannot be told apart."""
 HELD_OUT_LEVEL = 1e-3
-"""Of the one-sided test that what a term predicts for the other motion is in its residual."""
+"""Of the one-sided test that what a term predicts for the other motion is in its residual: stricter than a test that
+decides alone, as the term was chosen among thousands, and up to three are asked."""
 LEAST_CARRIED = 0.5
 """Share of what refitted amplitudes would explain on the other motion that the carried ones have to."""
 
@@ -211,7 +212,10 @@ class TermSearch:
         columns = self.null_model.project_out(self.null_model.spread(projected.columns(0), projected.whitened.choice))
         predicted = columns @ scored.amounts
         power, along = float(predicted @ predicted), float(predicted @ self.null_model.residual)
-        return 2 * along - power, float(projected.scores[0]), along / max(power, 1e-300) ** 0.5
+        if power == 0:
+            return 0.0, float(projected.scores[0]), 0.0
+        level = max(projected.test(0).together.noise.mean, 1.0)  # of a single run the noise may be larger there
+        return 2 * along - power, float(projected.scores[0]), along / (power * level) ** 0.5
 
 
 def _scored(projected: ProjectedColumns, place: int, term: Term, shapes: Mapping[str, float]) -> ScoredTerm | None:
