@@ -56,12 +56,20 @@ def demo(commands: Subcommands[Any]) -> argparse.ArgumentParser:
 
 def import_recording(commands: Subcommands[Any]) -> argparse.ArgumentParser:
     """Add `import`."""
-    text = "Read logs as robots write them (text, Parquet, Excel, MATLAB, NumPy, HDF5, ROS bags; several files, several"
-    text += " clocks), and write one recording by --out. The reading report says what was done to how many samples."
+    text = "Read logs as robots write them (text, Parquet, Excel, MATLAB, NumPy, HDF5, ROS bags, LeRobot data sets;"
+    text += (
+        " several files, several clocks), and write one recording by --out. The reading report says what was done to"
+    )
+    text += " how many samples."
     command: argparse.ArgumentParser = commands.add_parser(
         "import", help="logs of robots as a recording", description=text
     )
-    command.add_argument("sources", nargs="+", metavar="SOURCE", help="log file, or folder of a ROS 2 bag; one run")
+    command.add_argument(
+        "sources",
+        nargs="+",
+        metavar="SOURCE",
+        help="log file, folder of a ROS 2 bag, or LeRobot episode: DATASET/episode_000000; one run",
+    )
     command.add_argument(
         "--preset", metavar="NAME", help=f"layout of the log (default: recognised): {', '.join(PRESETS)}"
     )

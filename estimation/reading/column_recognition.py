@@ -28,7 +28,8 @@ def columns_by_stem(pattern: ColumnPattern, table: LogTable) -> dict[str, dict[s
     """Columns of a table that match a pattern, by stem and part."""
     by_stem: dict[str, dict[str, str]] = {}
     for name in table.columns:
-        match = pattern.matched(name_and_unit(name)[0])
+        names = (table.called[name], name) if name in table.called else (name,)
+        match = next(filter(None, (pattern.matched(name_and_unit(one)[0]) for one in names)), None)
         if match is not None:
             by_stem.setdefault(match[0].lower(), {}).setdefault(match[1], name)
     return by_stem
@@ -90,7 +91,7 @@ def _name_of(pattern: ColumnPattern, component: str, members: dict[str, str]) ->
 
 
 COMMANDED = re.compile(
-    r"target|desired|command|setpoint|goal|reference|(?:^|[^a-z])(?:cmd|ref|des)(?:[^a-z]|$)", re.IGNORECASE
+    r"target|desired|command|setpoint|goal|reference|(?:^|[^a-z])(?:cmd|ref|des|action)(?:[^a-z]|$)", re.IGNORECASE
 )
 ASK = "name its columns in a map"
 EXAMPLES = {

@@ -1,7 +1,9 @@
-"""Readers of data files that hold named arrays or sheets: MATLAB, HDF5, NumPy, Excel, Parquet."""
+"""Readers of data files that hold named arrays or sheets: MATLAB, HDF5, NumPy, Excel, Parquet, LeRobot data sets."""
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Mapping, Sequence
 from itertools import islice
 from pathlib import Path
@@ -16,6 +18,7 @@ from estimation.reading.log_reader import (
     LogReader,
     LogTable,
     SourceFile,
+    episode_of,
     require_columns,
     require_size,
     unique_names,
@@ -234,7 +237,7 @@ class Hdf5(LogReader):
 
 
 class Parquet(LogReader):
-    """Parquet; null is a missing cell, and what is not numeric is text."""
+    """Parquet; null is a missing cell, a list one column an element, and what is not numeric is text."""
 
     title = "Parquet"
 
@@ -244,23 +247,126 @@ class Parquet(LogReader):
 
     def tables(self, source: SourceFile) -> list[LogTable]:
         """One table."""
-        import pyarrow as pa  # slow to import
-
         with source.on_disk() as path, parquet_file(path) as file:
             require_columns(file.metadata.num_columns, str(source.path))
             require_size(file.metadata.num_columns * file.metadata.num_rows, str(source.path))
             table = file.read()
-        columns: dict[str, Array] = {}
-        texts: dict[str, tuple[str, ...]] = {}
-        for name, column in zip(unique_names(table.column_names), table.columns, strict=True):
-            kind = column.type
-            if pa.types.is_timestamp(kind):
-                columns[name] = column.cast(pa.timestamp("ns")).cast(pa.int64()).to_numpy().astype(np.float64) * 1e-9
-            elif pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_boolean(kind):
-                columns[name] = np.asarray(column.cast(pa.float64()).to_numpy(), dtype=np.float64)
-            else:
-                texts[name] = tuple(str(value)[:TEXT_LENGTH] for value in column.slice(0, 3).to_pylist())
+        columns, texts = _arrow_columns(dict(zip(unique_names(table.column_names), table.columns, strict=True)))
         return [LogTable(name=source.name, kind="Parquet", columns=columns, texts=texts)]
+
+
+def _arrow_columns(arrays: Mapping[str, Any]) -> tuple[dict[str, Array], dict[str, tuple[str, ...]]]:
+    """Columns (n,) of Arrow's arrays by name, `name[i]` of lists of one length, and the first of other values."""
+    import pyarrow as pa  # slow to import
+
+    columns: dict[str, Array] = {}
+    texts: dict[str, tuple[str, ...]] = {}
+    for name, array in arrays.items():
+        kind = array.type
+        lists = any(holds(kind) for holds in (pa.types.is_list, pa.types.is_large_list, pa.types.is_fixed_size_list))
+        if pa.types.is_timestamp(kind):
+            columns[name] = array.cast(pa.timestamp("ns")).cast(pa.int64()).to_numpy().astype(np.float64) * 1e-9
+        elif pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_boolean(kind):
+            columns[name] = np.asarray(array.cast(pa.float64()).to_numpy(), dtype=np.float64)
+        elif lists and (elements := _elements(array.combine_chunks())) is not None:
+            columns |= {f"{name}[{i}]": column for i, column in enumerate(elements.T)}
+        else:
+            texts[name] = tuple(str(value)[:TEXT_LENGTH] for value in array.slice(0, 3).to_pylist())
+    return columns, texts
+
+
+def _elements(lists: Any) -> Array | None:
+    """The numbers (n, k) of an Arrow array of lists, NaN where a list is null; None of text and unequal lengths."""
+    filled = lists.drop_null()
+    numbers, lengths = filled.flatten().to_numpy(zero_copy_only=False), np.unique(filled.value_lengths())
+    if numbers.dtype.kind not in "fiu" or len(lengths) != 1 or not 0 < lengths[0] <= MOST_COLUMNS_OF_ARRAY:
+        return None
+    rows = np.full((len(lists), int(lengths[0])), np.nan)
+    rows[np.asarray(lists.is_valid())] = numbers.reshape(len(filled), -1)
+    return rows
+
+
+BOOKKEEPING = re.compile(r"(?:frame_|episode_|task_)?index|next\..*")
+"""Columns of a LeRobot data set that nobody measured."""
+LARGEST_INFO = 1 << 24
+"""Bytes of a data set's description."""
+
+
+class LeRobot(LogReader):
+    """A LeRobot data set, version 2 or 3: an episode is a recording, its vectors are lists with or without names.
+
+    An episode is given as DATASET/episode_000003, whichever file holds it, a data set of one by its folder.
+    """
+
+    title = "LeRobot data set"
+    rank = -2
+    without_file = True
+
+    def recognises(self, source: SourceFile) -> bool:
+        """A folder with meta/info.json, or an episode of one."""
+        return episode_of(source.path) is not None
+
+    def tables(self, source: SourceFile) -> list[LogTable]:
+        """One table, each column also called as the data set's description calls it."""
+        folder, number = episode_of(source.path) or (source.path, None)
+        features = _features(folder)
+        own = sorted(folder.glob(f"data/**/episode_{number:06d}.parquet")) if number is not None else []
+        held = {
+            int(episode): file
+            for file in own or sorted(folder.glob("data/**/*.parquet"))
+            for episode in _episodes(file)
+        }
+        if number is None and len(held) == 1:
+            number = next(iter(held))
+        if number not in held:
+            shown = ", ".join(str(folder / f"episode_{episode:06d}") for episode in sorted(held)[:MOST_EPISODES])
+            what = f"{len(held)} episodes, each a recording" if number is None else f"there is no episode {number}"
+            more = f", .. ({len(held)} in all)" if len(held) > MOST_EPISODES else ""
+            raise source.error(what, f"give one: {shown}{more}" if held else "give a data set with episodes")
+        columns, texts = _arrow_columns(_rows_of_episode(held[number], number))
+        called = {
+            f"{feature}[{i}]": f"{feature}.{element.removesuffix('.pos')}"
+            for feature, names in features.items()
+            if f"{feature}[{len(names) - 1}]" in columns and f"{feature}[{len(names)}]" not in columns
+            for i, element in enumerate(names)
+        }
+        name = f"{folder.name}/episode_{number:06d}"
+        return [LogTable(name=name, kind="LeRobot episode", columns=columns, texts=texts, called=called)]
+
+
+MOST_EPISODES = 3
+"""That a message names."""
+
+
+def _features(folder: Path) -> dict[str, list[str]]:
+    """Names of the elements of each vector, as a data set's description has them: a list, or one below a heading."""
+    path = folder / "meta" / "info.json"
+    with path.open("rb") as stream:
+        described = json.loads(stream.read(LARGEST_INFO))
+    names = {}
+    for feature, description in described["features"].items():
+        listed = description.get("names")
+        listed = next(iter(listed.values()), None) if isinstance(listed, dict) else listed
+        if isinstance(listed, list) and listed and all(isinstance(name, str) for name in listed):
+            names[feature] = listed
+    return names
+
+
+def _episodes(path: Path) -> Array:
+    """Numbers of the episodes in a file of a data set."""
+    with parquet_file(path) as file:
+        return np.unique(file.read(["episode_index"]).column(0).to_numpy())
+
+
+def _rows_of_episode(path: Path, number: int) -> dict[str, Any]:
+    """Arrow's arrays of one episode of a file, without pictures and what nobody measured."""
+    with parquet_file(path) as file:
+        wanted = [field.name for field in file.schema_arrow if not BOOKKEEPING.fullmatch(field.name)]
+        wanted = [name for name in wanted if not name.startswith("observation.images")]
+        require_size(file.metadata.num_columns * file.metadata.num_rows, str(path))
+        table = file.read([*wanted, "episode_index"])
+    rows = np.flatnonzero(table.column("episode_index").to_numpy() == number)
+    return {name: table.column(name).slice(rows[0], rows[-1] - rows[0] + 1) for name in wanted}
 
 
 DEEPEST = 6

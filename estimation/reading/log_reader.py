@@ -5,6 +5,7 @@ from __future__ import annotations
 import bz2
 import gzip
 import lzma
+import re
 import tempfile
 import zipfile
 import zlib
@@ -32,6 +33,7 @@ class LogTable:
     """Columns (n,) of one source (a file, a sheet, a topic), in its units; NaN where a cell is empty or no number.
 
     texts     columns of text, with the first different values of each
+    called    what the source's own description calls a column, where its name is but a number in a list
     wrench_frame  the frame that the source states for its wrench; None where it states none
     unread    what else the source holds that no table was made of, such as topics of other types
     notes     what the reader had to do, as (what, number of cells or rows, whether samples were changed by it)
@@ -41,6 +43,7 @@ class LogTable:
     kind: str
     columns: Mapping[str, Array]
     texts: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    called: Mapping[str, str] = field(default_factory=dict)
     wrench_frame: str | None = None
     notes: tuple[tuple[str, int, bool], ...] = ()
     unread: tuple[str, ...] = ()
@@ -184,6 +187,20 @@ class SourceFile:
             raise self.error(reason, "give the path of a log file") from None
 
 
+EPISODE = re.compile(r"episode_(?P<number>\d{1,9})(?:\.parquet)?")
+"""How an episode of a LeRobot data set is called: the file of version 2; in version 3 no file has the name."""
+FOLDERS_ABOVE = 3
+"""From an episode's file to its data set: `data/chunk-000/`."""
+
+
+def episode_of(path: Path) -> tuple[Path, int | None] | None:
+    """The LeRobot data set that a path is of, and the episode's number where it says one; None of any other path."""
+    match = EPISODE.fullmatch(path.name)
+    folders = [*path.parents][:FOLDERS_ABOVE] if match else [path]
+    folder = next((folder for folder in folders if (folder / "meta" / "info.json").is_file()), None)
+    return None if folder is None else (folder, int(match["number"]) if match else None)
+
+
 MAX_CELLS = 250_000_000
 """Numbers that a source may hold: two GB in memory."""
 MAX_COLUMNS = 20_000
@@ -200,11 +217,13 @@ class LogReader(ABC):
     title    its name in messages and in the list of what can be read
     rank     readers are asked in ascending order of it, the first that recognises a source reads it; text, which nearly
              anything is, has 100
+    without_file  whether a source may be part of a folder under a name that no file has
     repair   what to do about a file that its library cannot read
     """
 
     title: ClassVar[str]
     rank: ClassVar[int] = 0
+    without_file: ClassVar[bool] = False
     repair: ClassVar[str] = "give a file that is whole"
     members: ClassVar[list[type[LogReader]]] = []
 
@@ -223,9 +242,11 @@ class LogReader(ABC):
 
 def tables_of(source: SourceFile) -> list[LogTable]:
     """The tables of a source, by the first format that recognises it; InputError in one line when none can read it."""
-    if not source.path.exists():
+    is_there = source.path.exists()
+    members = [member() for member in LogReader.members if is_there or member.without_file]
+    reader = next((member for member in members if member.recognises(source)), None)
+    if reader is None and not is_there:
         raise source.error("No such file or directory", "give the path of a log file")
-    reader = next((member() for member in LogReader.members if member().recognises(source)), None)
     if reader is None:
         titles = ", ".join(member.title for member in LogReader.members)
         bags = [str(path.parent) for path in sorted(source.path.glob("*/metadata.yaml"))[:MOST_BAGS]]

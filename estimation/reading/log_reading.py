@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from estimation.reading.log_reader import LogTable
+from estimation.reading.log_reader import LogTable, episode_of
 from estimation.reading.recording_check import checked
 from estimation.reading.repeat_cutting import cut_into_repeats
 from estimation.reading.sample_mending import differ_slightly, repeat_lengths
@@ -54,7 +54,7 @@ def read(
     slightly different length are brought onto one clock, as `Recording.reading` says then.
     What is only suspicious (units, axes, order of the quaternion, a stuck channel) is in `Recording.reading` too.
     All else is what robots write, and read as `truewrench import` does: any separator, compression, Excel, MATLAB,
-    NumPy, HDF5 and ROS bags. What was done is in `Recording.reading`.
+    NumPy, HDF5, ROS bags and episodes of LeRobot data sets. What was done is in `Recording.reading`.
 
     Parameters
     ----------
@@ -158,12 +158,13 @@ def read_with_rig(
     one_run: bool = False,
     every_row: bool = False,
 ) -> Recording:
-    """A recording as it stands; where the rig names the columns of its logs, a log of them.
+    """A recording as it stands; a log of a folder, or where the rig names the columns of its logs.
 
     Repeats are those of the `period` (s), where it is given. With `every_row` nothing is cut or moved for the sake of
     repeats; with `one_run` they are not counted either.
     """
-    if period is not None or (rig is not None and rig.columns):
+    is_log = Path(path).is_dir() or episode_of(Path(path)) is not None  # of a bag or a data set
+    if period is not None or (rig is not None and rig.columns) or is_log:
         return read(path, rig=rig, period=period, one_run=one_run or every_row)
     if every_row:
         return read_recording(path, rig=rig)

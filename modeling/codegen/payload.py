@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable
 from xml.etree.ElementTree import Comment, Element, ElementTree, SubElement, indent, tostring
 
@@ -10,7 +11,6 @@ from numpy.typing import NDArray
 
 from modeling.codegen.payload_format import MOMENTS, PayloadFormat, remarks, where_it_goes
 from modeling.codegen.tool_inertia import ALONG_POSE, STATED_FRAME, ToolInertia
-from modeling.rig import STANDARD_GRAVITY
 
 Array = NDArray[np.float64]
 
@@ -80,29 +80,56 @@ class Franka(PayloadFormat):
 
 
 class Ros2Parameters(PayloadFormat):
-    """Parameters of a ROS 2 node in YAML: `tool`, and `gravity_compensation` as ros2_controllers' admittance
-    controller has it (position of the centre of gravity, m, and weight, N).
+    """Parameters of a ROS 2 node in YAML, as released packages declare them.
+
+    force_torque_sensor_broadcaster (ros2_controllers) adds `offset` to the readings, then runs `sensor_filter_chain`,
+    in which GravityCompensationWrench (control_toolbox) subtracts mass times `gravity_field`, turned from `world_frame`
+    into `sensor_frame`, at `CoG`. `gravity_compensation` is the admittance controller's (ros2_controllers).
     """
 
     name = "ros2"
 
     def text(self, tool: ToolInertia, source: str) -> str:
-        """The parameter file, of any node."""
+        """The parameter file, of any node; another node ignores what it does not declare."""
+        readings = tool.readings
+        assert readings is not None
+        frame = json.dumps(tool.link or "ft_sensor")
         lines = [f"# {remark}" for remark in remarks(tool, source)]
+        if tool.inertia is not None:
+            moments = _list(np.ravel(tool.inertia))
+            lines.append(
+                f"# inertia about the centre of mass (kg m²), row by row, which no filter here uses: {moments}"
+            )
         lines += [
+            "# The filter takes out weight and zero alone: of a moving arm the tool's inertia stays in the readings,",
+            "# and so does each effect of the model. Gravity's sign is that of the readings: a hanging weight reads",
+            f"# {'along' if readings.sign > 0 else 'against'} gravity.",
             "/**:",
             "  ros__parameters:",
-            "    tool:",
-            f"      mass: {_decimal(tool.mass)}",
-            f"      center_of_mass: {_list(tool.centre_of_mass)}",
+            f"    frame_id: {frame}  # the name that tf has for the sensor's own axes",
+            "    offset:  # is added to the readings: minus what the sensor reads without load (N, N m)",
         ]
-        if tool.inertia is not None:
-            lines.append(f"      inertia: {_list(np.ravel(tool.inertia))}  # row by row, symmetric")
+        for quantity, values in (("force", readings.zero[:3]), ("torque", readings.zero[3:])):
+            lines.append(
+                f"      {quantity}: {{{', '.join(f'{a}: {_decimal(-v)}' for a, v in zip('xyz', values, strict=True))}}}"
+            )
         lines += [
-            "    gravity_compensation:",
+            "    sensor_filter_chain:",
+            "      filter1:",
+            '        type: "control_filters/GravityCompensationWrench"',
+            '        name: "gravity_compensation"',
+            "        params:",
+            '          world_frame: "base_link"  # along whose axes gravity is given: that of the recorded motion',
+            f"          sensor_frame: {frame}  # in which the centre of mass is given, as said above",
+            "          tool:",
+            f"            mass: {_decimal(tool.mass)}",
+            f"            CoG: {_list(tool.centre_of_mass)}",
+            f"            gravity_field: {_list(readings.sign * readings.gravity)}",
+            "    gravity_compensation:  # of the admittance controller, for a level base and readings along gravity",
+            f"      frame: {{id: {frame}}}",
             "      CoG:",
             f"        pos: {_list(tool.centre_of_mass)}",
-            f"        force: {_decimal(tool.mass * STANDARD_GRAVITY)}  # weight at {STANDARD_GRAVITY} m/s², N",
+            f"        force: {_decimal(tool.mass * float(np.linalg.norm(readings.gravity)))}  # weight, N",
         ]
         return "\n".join(lines) + "\n"
 

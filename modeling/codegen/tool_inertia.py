@@ -14,6 +14,7 @@ from modeling.chain.pseudo_inertia import pseudo_inertia
 from modeling.chain.sensor_axes import Axes, is_turned, pose_to_sensor, turn_words
 from modeling.chain.stages import Stage
 from modeling.errors import InputError
+from modeling.rig import Convention
 from modeling.space import Space
 
 Array = NDArray[np.float64]
@@ -39,11 +40,38 @@ def _tilt_advice(model: WrenchModel, theta: Array) -> str:
     how = "state the tilt in the pose of the robot's base in the URDF, or as gravity in the controller"
     if model.gravity_direction is not None:  # the axes of the motion are not those of the base
         return how
+    vector = ", ".join(f"{v:.4g}" for v in _gravity(model, theta))
+    return f"{how} (set_gravity of UR takes the negative): it is [{vector}] m/s² along the base's axes"
+
+
+def _gravity(model: WrenchModel, theta: Array) -> Array:
+    """Gravity (3,) along the axes of the recorded motion, m/s², as a tilted base has it."""
     values = {p.name: value for p, value in zip(model.parameters, theta, strict=True)}
     gravity = model.chain.gravity
     numbers = gravity.subs({symbol: values[symbol.name] for symbol in gravity.free_symbols})
-    vector = ", ".join(f"{float(v):.4g}" for v in numbers)
-    return f"{how} (set_gravity of UR takes the negative): it is [{vector}] m/s² along the base's axes"
+    return np.array([float(component) for component in numbers])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Readings:
+    """What a filter that takes the tool out of the readings must know of them.
+
+    zero     (6,) N, N m: what the sensor reads without load, along its own axes
+    gravity  (3,) m/s² along the axes of the recorded motion
+    sign     +1 where a hanging weight reads m g along gravity, the wrench on the sensor; -1 where it reads -m g
+    """
+
+    zero: Array
+    gravity: Array
+    sign: int
+
+    @classmethod
+    def of(cls, model: WrenchModel, theta: Array) -> Readings:
+        """Of a six-axis model at its parameters theta (k,)."""
+        values = {p.name: float(value) for p, value in zip(model.parameters, theta, strict=True)}
+        zero = np.array([values.get(f"bias_{channel}", 0.0) for channel in model.channels])
+        sign = 1 if model.convention is Convention.ON_SENSOR else -1
+        return cls(zero=zero, gravity=_gravity(model, theta), sign=sign)
 
 
 WHERE = "tool"
@@ -72,6 +100,7 @@ class ToolInertia:
     link            name of the link whose frame it is, where the rig names it; else empty
     turn            what is said of a sensor that is turned against the logged pose; empty of one that is not
     left_out        the effects of its model that these numbers do not express, as a line; empty without any
+    readings        of the sensor that weighed it; None of a tool that none did
     """
 
     mass: float
@@ -84,6 +113,7 @@ class ToolInertia:
     link: str = ""
     turn: str = ""
     left_out: str = ""
+    readings: Readings | None = None
 
     @property
     def centre_std(self) -> Array:
@@ -146,6 +176,7 @@ class ToolInertia:
             if turned
             else "",
             left_out=left_out(model, theta),
+            readings=Readings.of(model, theta),
         )
         return tool._turned(rotation, np.tensordot(changes, slopes, axes=(1, 2))) if along is Axes.SENSOR else tool
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
@@ -381,6 +382,62 @@ def ros2_bag(storage: str) -> Writer:
     return write
 
 
+def lerobot(version: str) -> Writer:
+    """The second of three episodes of a LeRobot data set: pose and gripper in one list, wrench, commanded pose."""
+
+    def write(frame: Frame, folder: Path) -> list[Path]:
+        return [lerobot_data_set(frame, folder / "data_set", version, episodes=3) / "episode_000001"]
+
+    return write
+
+
+STATE = ["x", "y", "z", "qx", "qy", "qz", "qw", "gripper.pos"]
+
+
+def lerobot_data_set(frame: Frame, folder: Path, version: str, *, episodes: int = 1, named: bool = True) -> Path:
+    """A LeRobot data set of equal episodes, but that the others' force is none; its folder."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    def feature(names: object, size: int) -> dict[str, object]:
+        return {"dtype": "float64", "shape": [size], "names": names if named else None}
+
+    vectors = {
+        "observation.state": feature(STATE, 8),
+        "observation.wrench": feature(
+            {"axes": ["force_x", "force_y", "force_z", "torque_x", "torque_y", "torque_z"]}, 6
+        ),
+        "action": feature({"motors": STATE}, 8),
+    }
+    rate = 1 / float(np.mean(np.diff(frame["time"])))
+    chunk = folder / "data" / "chunk-000"
+    chunk.mkdir(parents=True)
+    (folder / "meta").mkdir()
+    described = {"codebase_version": version, "fps": rate, "total_episodes": episodes, "features": vectors}
+    (folder / "meta" / "info.json").write_text(json.dumps(described), encoding="utf-8")
+    tables = []
+    for episode in range(episodes):
+        state = np.column_stack([frame[POSITION + QUATERNION], np.linspace(0, 1, len(frame))])
+        wrench = frame[CHANNELS].to_numpy() * (episode == episodes // 2)
+        columns = {
+            "observation.state": pa.array(list(state), pa.list_(pa.float64(), 8)),
+            "action": pa.array(list(np.roll(state, -1, axis=0)), pa.list_(pa.float64(), 8)),
+            "observation.wrench": pa.array(list(wrench), pa.list_(pa.float64())),
+            "timestamp": frame["time"] - frame["time"].iloc[0],
+            "frame_index": np.arange(len(frame)),
+            "episode_index": np.full(len(frame), episode),
+            "index": np.arange(len(frame)) + episode * len(frame),
+            "task_index": np.zeros(len(frame), dtype=int),
+        }
+        tables.append(pa.table(columns))
+    if version.startswith("v2"):
+        for episode, table in enumerate(tables):
+            pq.write_table(table, chunk / f"episode_{episode:06d}.parquet")
+    else:
+        pq.write_table(pa.concat_tables(tables), chunk / "file-000.parquet")
+    return folder
+
+
 def write_messages(writer: Any, store: Any, messages: Any) -> None:
     """Write (topic, type, receive stamp, message) to an open ROS 2 bag."""
     connections: dict[str, Any] = {}
@@ -414,6 +471,8 @@ FORMATS: Mapping[str, Writer] = {
     "ros 1 bag": ros1_bag,
     "ros 2 bag sqlite3": ros2_bag("sqlite3"),
     "ros 2 bag mcap": ros2_bag("mcap"),
+    "lerobot 2": lerobot("v2.1"),
+    "lerobot 3": lerobot("v3.0"),
 }
 """Formats whose import is the original recording again, within the digits that they hold."""
 

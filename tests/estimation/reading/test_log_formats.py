@@ -9,10 +9,21 @@ import numpy as np
 import pytest
 
 import estimation.reading.log_sources  # noqa: F401  # registers every reader
-from estimation.reading.log_reader import LogReader
-from estimation.reading.log_reading import imported, read
+from estimation.reading.log_reader import LogReader, SourceFile, tables_of
+from estimation.reading.log_reading import imported, read, read_with_rig
 from estimation.recordings.reading_report import StepKind
-from tests.shared.log_files import CHANNELS, FORMATS, POSITION, QUATERNION, Frame, original, plotjuggler, poses_at
+from modeling.errors import InputError
+from tests.shared.log_files import (
+    CHANNELS,
+    FORMATS,
+    POSITION,
+    QUATERNION,
+    Frame,
+    lerobot_data_set,
+    original,
+    plotjuggler,
+    poses_at,
+)
 
 pytest.importorskip("mujoco")
 
@@ -84,4 +95,50 @@ def test_receive_stamps_of_bags_are_reported(tmp_path: Path) -> None:
 def test_every_reader_has_a_format_here() -> None:
     """A new reader comes with a case in `FORMATS`, and its name here."""
     kinds = {type(reader).__name__ for reader in (member() for member in LogReader.members)}
-    assert kinds == {"DelimitedText", "Excel", "Hdf5", "Matlab", "NumpyArrays", "Parquet", "RosBag"}
+    assert kinds == {"DelimitedText", "Excel", "Hdf5", "LeRobot", "Matlab", "NumpyArrays", "Parquet", "RosBag"}
+
+
+@pytest.mark.parametrize("version", ["v2.1", "v3.0"])
+def test_an_episode_of_a_data_set_is_named(version: str, tmp_path: Path) -> None:
+    """A data set of one is that recording; of several one is asked for, by names that can be given."""
+    frame = frame_for("lerobot")
+    alone = lerobot_data_set(frame, tmp_path / "alone", version)
+    assert read_with_rig(alone, rig=None).reading is not None
+    several = lerobot_data_set(frame, tmp_path / "several", version, episodes=3)
+    with pytest.raises(InputError, match=r"3 episodes, each a recording; give one: .*several/episode_000000, "):
+        imported(several)
+    with pytest.raises(InputError, match="there is no episode 7; give one: "):
+        imported(several / "episode_000007")
+    np.testing.assert_allclose(read_with_rig(several / "episode_000001", rig=None).wrench, frame[CHANNELS], atol=1e-12)
+
+
+def test_lists_without_names_are_given_by_a_map(tmp_path: Path) -> None:
+    frame = frame_for("lerobot")
+    folder = lerobot_data_set(frame, tmp_path / "data_set", "v3.0", named=False)
+    with pytest.raises(InputError, match=r"among observation.state\[0\], .*name its columns in a map"):
+        imported(folder)
+    stated = {name: f"observation.state[{place}]" for place, name in enumerate([*POSITION, *QUATERNION])}
+    path = tmp_path / "map.toml"
+    path.write_text("".join(f'{name} = "{column}"\n' for name, column in stated.items()), encoding="utf-8")
+    found = imported(folder, map=path)
+    for column in (*CHANNELS, *POSITION):
+        np.testing.assert_allclose(found.columns[column], frame[column], rtol=0, atol=1e-12)
+
+
+def test_a_column_of_lists_of_unequal_lengths_is_no_numbers(tmp_path: Path) -> None:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    path = tmp_path / "log.parquet"
+    pq.write_table(pa.table({"v": [[1.0, 2.0], None, [3.0, 4.0]], "ragged": [[1.0], [2.0, 3.0], []]}), path)
+    (table,) = tables_of(SourceFile(path))
+    np.testing.assert_array_equal(table.columns["v[1]"], [2.0, np.nan, 4.0])
+    assert list(table.texts) == ["ragged"]
+
+
+@pytest.mark.parametrize("text", ["{", "[]", "{}", '{"features": {"v": 3}}'])
+def test_a_broken_description_is_one_line(text: str, tmp_path: Path) -> None:
+    folder = lerobot_data_set(frame_for("lerobot"), tmp_path / "data_set", "v3.0")
+    (folder / "meta" / "info.json").write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match="cannot be read as LeRobot data set"):
+        imported(folder)

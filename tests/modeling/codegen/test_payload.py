@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import mujoco
@@ -209,11 +210,74 @@ def controller(text: str) -> tuple[list[float], list[float]]:
     if lines[0].startswith("robot.setLoad"):
         values = numbers(" ".join(lines))
         return values[:4], values[4:]
-    tree = YAML(typ="safe").load(text)["/**"]["ros__parameters"]
-    weight = tree["gravity_compensation"]["CoG"]
-    assert weight["force"] == pytest.approx(9.806 * tree["tool"]["mass"])
-    assert weight["pos"] == tree["tool"]["center_of_mass"]
-    return [tree["tool"]["mass"], *tree["tool"]["center_of_mass"]], tree["tool"]["inertia"]
+    tool = ros_parameters(text)["sensor_filter_chain"]["filter1"]["params"]["tool"]
+    (moments,) = (line.split("uses: ")[1] for line in text.splitlines() if "row by row" in line)
+    return [tool["mass"], *tool["CoG"]], json.loads(moments)
+
+
+def ros_parameters(text: str) -> dict[str, Any]:
+    """Parameters of any node in a parameter file."""
+    parameters = YAML(typ="safe").load(text)["/**"]["ros__parameters"]
+    assert isinstance(parameters, dict)
+    return parameters
+
+
+DECLARED: dict[str, type | int] = {
+    "frame_id": str,
+    **{f"offset.{quantity}.{axis}": float for quantity in ("force", "torque") for axis in "xyz"},
+    "sensor_filter_chain.filter1.type": str,
+    "sensor_filter_chain.filter1.name": str,
+    "sensor_filter_chain.filter1.params.world_frame": str,
+    "sensor_filter_chain.filter1.params.sensor_frame": str,
+    "sensor_filter_chain.filter1.params.tool.mass": float,
+    "sensor_filter_chain.filter1.params.tool.CoG": 3,
+    "sensor_filter_chain.filter1.params.tool.gravity_field": 3,
+    "gravity_compensation.frame.id": str,
+    "gravity_compensation.CoG.pos": 3,
+    "gravity_compensation.CoG.force": float,
+}
+"""Types of the parameters that force_torque_sensor_broadcaster and admittance_controller (ros2_controllers, August
+2026) and gravity_compensation_filter (control_toolbox 6.3) declare, and lengths of their arrays; those written."""
+
+
+def flat(tree: dict[str, Any], before: str = "") -> dict[str, Any]:
+    """Values by their dotted names, as ROS 2 declares parameters."""
+    found: dict[str, Any] = {}
+    for name, value in tree.items():
+        found |= flat(value, f"{before}{name}.") if isinstance(value, dict) else {before + name: value}
+    return found
+
+
+def test_ros_parameters_are_those_that_released_packages_declare(saved: Path) -> None:
+    written = flat(ros_parameters(emit(saved, "ros2")))
+    assert set(written) == set(DECLARED)
+    for name, value in written.items():
+        kind = DECLARED[name]
+        if isinstance(kind, int):
+            assert len(value) == kind, name
+            assert all(isinstance(element, float) for element in value), name
+        else:
+            assert isinstance(value, kind), name
+
+
+@pytest.mark.parametrize("convention", [Convention.ON_TOOL, Convention.ON_SENSOR])
+def test_ros_filters_leave_nothing_of_a_tool_at_rest(convention: Convention, tmp_path: Path) -> None:
+    """Offset added, then weight subtracted, as the packages do it to readings of point masses in any turn."""
+    model = WrenchModel(space=spatial().space, convention=convention)
+    path = tmp_path / "model.json"
+    path.write_text(model_file(theta(), model=model).to_text())
+    parameters = ros_parameters(emit(path, "ros2"))
+    offset = np.array([parameters["offset"][quantity][axis] for quantity in ("force", "torque") for axis in "xyz"])
+    tool = parameters["sensor_filter_chain"]["filter1"]["params"]["tool"]
+    m, r = masses()
+    for seed in range(5):
+        turn = Rotation.random(rng=np.random.default_rng(seed)).inv()
+        pull = turn.apply(m[:, None] * GRAVITY)
+        felt = np.concatenate([pull.sum(axis=0), np.cross(r, pull).sum(axis=0)])
+        readings = theta()[:6] + (felt if convention is Convention.ON_SENSOR else -felt)
+        weight = turn.apply(tool["mass"] * np.array(tool["gravity_field"]))
+        taken_out = np.concatenate([weight, np.cross(tool["CoG"], weight)])
+        np.testing.assert_allclose(readings + offset - taken_out, 0, rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("pose", [(), POSE], ids=["sensor frame", "flange"])
@@ -294,7 +358,7 @@ def test_mass_and_centre_do_without_inertia(tmp_path: Path) -> None:
     path = tmp_path / "poses.json"
     path.write_text(model_file(theta(), WITHOUT_INERTIA).to_text())
     assert numbers(emit(path, "ur").split("set_payload")[1])[0] == pytest.approx(theta()[6])
-    assert "inertia:" not in emit(path, "ros2")
+    assert "row by row" not in emit(path, "ros2")
     assert json.loads(path.read_text())["format"] == "truewrench model"
 
 
