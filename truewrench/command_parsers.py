@@ -292,6 +292,10 @@ def compensate(commands: Subcommands[Any]) -> argparse.ArgumentParser:
     text = "probability of any false contact in a recording without contact (default: %(default)s)"
     command.add_argument("--false-alarms", type=chance, metavar="P", default=LEVELS.contact, help=text)
     command.add_argument("--out", type=Path, metavar="CONTACT.csv", help="file for the contact wrench of each sample")
+    text = (
+        "bag for PlotJuggler, Foxglove and ROS 2: readings, prediction, contact and its std, and each effect as topics"
+    )
+    command.add_argument("--mcap", type=Path, metavar="OUT.mcap", help=text)
     command.add_argument("--json", action="store_true", help="print the contacts and the zero as JSON alone")
     return command
 

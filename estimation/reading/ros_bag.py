@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,6 +20,9 @@ from estimation.reading.log_reader import (
     require_size,
 )
 from estimation.reading.sample_mending import interpolated_position, interpolated_quaternion
+
+if TYPE_CHECKING:
+    from rosbags.highlevel import AnyReader
 
 LATE = 1e-3
 """Seconds by which messages are received after their stamps, from which it is said: a wrench is delayed by as much."""
@@ -125,25 +128,27 @@ class RosBag(LogReader):
 
 def unread_topics(path: Path) -> tuple[str, ...]:
     """The topics of a bag whose message type is not read, with their types."""
-    from rosbags.highlevel import AnyReader  # slow to import
-    from rosbags.typesys import Stores, get_typestore
-
-    with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+    with _opened(path) as reader:
         others = {c.topic: c.msgtype.replace("/msg/", "/") for c in reader.connections if c.msgtype not in EXTRACTORS}
     return tuple(f"{topic} ({kind})" for topic, kind in others.items())
 
 
 def messages(path: Path) -> Iterator[tuple[str, str, int, Any]]:
     """Topic, message type, receive stamp (ns) and message of every message of a known type."""
-    from rosbags.highlevel import AnyReader  # slow to import
-    from rosbags.typesys import Stores, get_typestore
-
-    with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+    with _opened(path) as reader:
         connections = [c for c in reader.connections if c.msgtype in EXTRACTORS]
         if not connections:
             return
         for connection, received, raw in reader.messages(connections):
             yield connection.topic, connection.msgtype, received, reader.deserialize(raw, connection.msgtype)
+
+
+def _opened(path: Path) -> AnyReader:
+    """A reader of a bag, of any version."""
+    from rosbags.highlevel import AnyReader  # slow to import
+    from rosbags.typesys import Stores, get_typestore
+
+    return AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
 
 
 class _Topics:

@@ -26,6 +26,11 @@ EXCESSIVE_NOISE_RATIO = 3.0
 """Noise relative to that of the fitted recording above which the text warns: no sensor varies that much by itself."""
 
 
+def result_files(arguments: argparse.Namespace) -> list[Path]:
+    """The files that are asked for."""
+    return [path for path in (arguments.out, arguments.mcap) if path is not None]
+
+
 def run(arguments: argparse.Namespace) -> None:
     """Compute the contact wrench, write and print it."""
     saved = ModelFile.read(arguments.model)
@@ -44,11 +49,15 @@ def run(arguments: argparse.Namespace) -> None:
         )
 
     def written() -> list[Path]:
-        if arguments.out is None:
-            return []
-        with atomic_write(arguments.out) as path:
-            contact_table(contact).to_csv(path, index=False, float_format="%.9g")
-        return [arguments.out]
+        if arguments.out is not None:
+            with atomic_write(arguments.out) as path:
+                contact_table(contact).to_csv(path, index=False, float_format="%.9g")
+        if arguments.mcap is not None:
+            from truewrench.files.wrench_bag import write_wrench_bag  # with the library of bags
+
+            with atomic_write(arguments.mcap) as path:
+                write_wrench_bag(contact, path)
+        return result_files(arguments)
 
     print_result(arguments, lambda: contact_text(contact), lambda: contact_data(contact), written)
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
+from numpy.typing import NDArray
 
 from estimation.fit import Fit
 from estimation.model_response import predicted_readings
@@ -21,7 +24,7 @@ def largest_change(fit: Fit, effect_id: str) -> tuple[float, float] | None:
     model = fit.model.without_recording_specific
     if effect_id not in (e.id for e in model.effects):
         return None
-    changes = [_change(model, effect_id, fit, recording) for recording in fit.recordings]
+    changes = [change_of_readings(model, effect_id, fit.values, recording) for recording in fit.recordings]
     forces = 2 if fit.recordings[0].dimension == 2 else 3
     force, torque = (
         max(float(np.linalg.norm(change[:, channels], axis=1).max()) for change in changes)
@@ -30,10 +33,13 @@ def largest_change(fit: Fit, effect_id: str) -> tuple[float, float] | None:
     return force, torque
 
 
-def _change(model: WrenchModel, effect_id: str, fit: Fit, recording: Recording) -> np.ndarray:
+def change_of_readings(
+    model: WrenchModel, effect_id: str, values: Mapping[str, float], recording: Recording
+) -> NDArray[np.float64]:
+    """The prediction (n, p) of a model less that without the effect, at the same values by parameter: N, N m."""
     readings = []
     for one in (model, model.without(effect_id)):
-        theta = np.array([fit.values[p.name] for p in one.parameters])
+        theta = np.array([values[p.name] for p in one.parameters])
         readings.append(predicted_readings(one, recording, theta))
     return np.asarray(readings[0] - readings[1])
 

@@ -11,8 +11,9 @@ import pandas as pd
 import pytest
 
 import truewrench as tw
+from modeling.rig import Convention
 from truewrench.command_line import main
-from truewrench.simulated_rig import ContactEvent, PlanarRig, SpatialRig, simulate, write_recording
+from truewrench.simulated_rig import ContactEvent, PlanarRig, SpatialRig, ViscousDrag, simulate, write_recording
 
 pytest.importorskip("mujoco")
 
@@ -191,3 +192,38 @@ def test_a_model_that_does_not_fit_is_a_warning(
     assert capsys.readouterr().err.startswith("warning: the model does not fit train.csv: what it lacks is in the")
     assert main(["compensate", bench.model, bench.quiet]) == 0
     assert capsys.readouterr().err == ""
+
+
+def test_a_bag_has_what_was_measured_and_what_explains_it(tmp_path: Path) -> None:
+    """Read back by the bags' library; what is left of the readings without prediction is the contact, on the tool."""
+    from rosbags.highlevel import AnyReader
+
+    rig, motion = SpatialRig(), SpatialRig().random_motion(seed=4)
+    frame = simulate(rig, motion, hidden=[ViscousDrag(c=0.4, d=0.1)], repeats=2, samples_per_period=250, seed=4)
+    frame["fx"] += 0.5
+    recording = tw.from_dataframe(frame)
+    fitted = tw.fit(tw.spatial() + tw.effects.viscous_drag(), recording)
+    model, run, bag, table = (tmp_path / name for name in ("model.json", "run.csv", "contact.mcap", "contact.csv"))
+    tw.save(fitted, model)
+    write_recording(frame, run)
+    assert main(["compensate", str(model), str(run), "--out", str(table), "--mcap", str(bag)]) == 0
+    series: dict[str, list[list[float]]] = {}
+    with AnyReader([bag]) as reader:
+        for connection, stamp, raw in reader.messages():
+            message = reader.deserialize(raw, connection.msgtype)
+            assert stamp == message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+            force, torque = message.wrench.force, message.wrench.torque
+            rows = series.setdefault(connection.topic.removeprefix("/truewrench/"), [])
+            rows.append([force.x, force.y, force.z, torque.x, torque.y, torque.z])
+    assert set(series) == {"measured", "predicted", "contact", "contact_std", "effects/viscous_drag"}
+    arrays = {topic: np.array(rows) for topic, rows in series.items()}
+    names = list(recording.channels)
+    np.testing.assert_allclose(arrays["measured"], frame[names], rtol=0, atol=1e-8)  # as the file has them
+    contact = pd.read_csv(table)[[f"{name[0]}c{name[1]}" for name in names]]
+    np.testing.assert_allclose(arrays["contact"], contact, rtol=1e-8, atol=1e-7)  # nine digits
+    sign = 1.0 if fitted.model.convention is Convention.ON_SENSOR else -1.0
+    np.testing.assert_allclose(sign * (arrays["measured"] - arrays["predicted"]), arrays["contact"], rtol=0, atol=1e-9)
+    twin = simulate(rig, motion, repeats=2, samples_per_period=250, seed=4)
+    twin["fx"] += 0.5
+    difference = (frame[names] - twin[names]).to_numpy()
+    assert np.abs(arrays["effects/viscous_drag"] - difference).max() < 0.05 * np.abs(difference).max()
