@@ -119,3 +119,19 @@ def toml_data(text: str, where: str) -> dict[str, Any]:
 
 def _invalid(syntax: str, error: object, where: str) -> InputError:
     return InputError(what=f"not a {syntax} file: {error}", where=where, remedy=f"correct the {syntax} there")
+
+
+EXTRAS = {
+    "h5py": "logs", "openpyxl": "logs", "rosbags": "logs", "tornado": "workbench", "dask": "survey",
+    "distributed": "survey", "mujoco": "simulation", "xarray": "xarray",
+}  # fmt: skip
+"""Packages that an installation need not have, by the extra of the project that brings each."""
+
+
+def missing_package(error: ModuleNotFoundError) -> InputError | None:
+    """What to install where a package of an extra is not there; None where another module is missing."""
+    package = (error.name or "").partition(".")[0]
+    if package not in EXTRAS:
+        return None
+    remedy = f'pip install "truewrench[{EXTRAS[package]}]"'
+    return InputError(what="the package is not installed", where=package, remedy=remedy)

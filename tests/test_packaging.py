@@ -16,6 +16,7 @@ import pytest
 
 import truewrench as tw
 from docs.generator.dependency_table import FILE, dependency_file, dependency_table
+from modeling.errors import EXTRAS
 from tests.shared.places import ROOT
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
@@ -52,6 +53,66 @@ def test_every_requirement_is_pinned() -> None:
     needed = {canonicalize_name(Requirement(text).name) for text in [*PROJECT["dependencies"], *extras]}
     assert needed - {"truewrench"} <= pinned
     assert all("==" in line for line in lines)
+
+
+def test_every_extra_brings_what_it_is_named_for() -> None:
+    """Each package that may be missing is required by the extra that its message names, and by no installation."""
+    from packaging.requirements import Requirement
+
+    extras = PROJECT["optional-dependencies"]
+    for package, extra in EXTRAS.items():
+        assert package in {Requirement(text).name for text in extras[extra]}
+        assert package not in {Requirement(text).name for text in PROJECT["dependencies"]}
+        assert extra in Requirement(extras["all"][0]).extras
+
+
+WITHOUT = """
+import sys
+sys.modules |= dict.fromkeys({packages})
+from truewrench.command_line import main
+sys.exit(main({arguments}))
+"""
+
+
+@pytest.mark.parametrize(
+    ("arguments", "package", "extra"),
+    [
+        (["import", "bag.mcap"], "rosbags", "logs"),
+        (["import", "log.xlsx"], "openpyxl", "logs"),
+        (["import", "log.h5"], "h5py", "logs"),
+        (["survey", "log.csv", "--rig", "rig.toml"], "dask", "survey"),
+        (["workbench", "--no-browser"], "tornado", "workbench"),
+    ],
+)
+def test_a_missing_package_is_one_line_that_says_what_to_install(
+    arguments: list[str], package: str, extra: str, tmp_path: Path
+) -> None:
+    (tmp_path / "bag.mcap").write_bytes(b"\x89MCAP0\r\n")
+    (tmp_path / "log.h5").write_bytes(b"\x89HDF\r\n\x1a\n")
+    with zipfile.ZipFile(tmp_path / "log.xlsx", "w") as archive:
+        archive.writestr("a", "b")
+    (tmp_path / "log.csv").write_text("time,fx,fy,tau,phi\n0,0,0,0,0\n", encoding="utf-8")
+    (tmp_path / "rig.toml").write_text("[robot]\n", encoding="utf-8")
+    program = WITHOUT.format(packages=[*EXTRAS], arguments=arguments)
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    ran = subprocess.run(
+        [sys.executable, "-c", program], cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=100
+    )
+    line = f'error: {package}: the package is not installed; pip install "truewrench[{extra}]"\n'
+    assert (ran.returncode, ran.stderr) == (2, line)
+
+
+def test_without_any_extra_a_recording_is_fitted(tmp_path: Path) -> None:
+    import numpy as np
+
+    phi = np.linspace(0, 3, 50)
+    rows = np.column_stack([phi, 9.806 * np.sin(phi), 9.806 * np.cos(phi), 0.7 * np.sin(phi)])
+    np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header="phi,fx,fy,tau", comments="")
+    program = WITHOUT.format(packages=[*EXTRAS], arguments=["fit", "log.csv"])
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    ran = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, env=environment, capture_output=True, text=True)
+    assert ran.returncode == 0, ran.stderr
+    assert "kg" in ran.stdout
 
 
 # -------------------------------------------------------------------------------------------------- the browser

@@ -150,9 +150,11 @@ else:
             raise AttributeError(f"module 'truewrench' has no attribute '{name}'")
         # who presents results: `fit.summary()` asks the module named here
         import_module("modeling.table").register_presenter("truewrench.presentation")
-        if name in _SUBMODULES:
-            return import_module(_SUBMODULES[name])
-        return getattr(import_module(_MODULES[name]), name)
+        try:
+            module = import_module(_SUBMODULES.get(name) or _MODULES[name])
+        except ModuleNotFoundError as error:
+            raise import_module("modeling.errors").missing_package(error) or error from None
+        return module if name in _SUBMODULES else getattr(module, name)
 
 
 def __dir__() -> list[str]:

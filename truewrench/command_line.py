@@ -18,7 +18,7 @@ from io import TextIOWrapper
 from pathlib import Path
 from typing import Any, NoReturn
 
-from modeling.errors import InputError, TruewrenchError
+from modeling.errors import InputError, TruewrenchError, missing_package
 from truewrench import command_parsers
 from truewrench.files.output import say
 from truewrench.options import add_verbosity, ids_apart, require_results_apart, verbosity
@@ -136,6 +136,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return EXIT_INTERRUPTED
     except Exception as error:
+        if isinstance(error, ModuleNotFoundError) and (missing := missing_package(error)) is not None:
+            return _print_error(str(missing))
         if argv is not None:
             raise
         return _print_error(_internal_error_text(error))

@@ -20,7 +20,7 @@ from estimation.noise.recording_noise import sample_step
 from estimation.recordings.motion import numbered_names
 from estimation.recordings.recording import Recording
 from estimation.streaming.streamed_fit import StreamedFit
-from modeling.errors import InputError, kind_of
+from modeling.errors import InputError, kind_of, missing_package
 from modeling.number_format import finite
 from modeling.table import Cell, Table, Tabular, Value
 from truewrench.files.model_file import ModelFile
@@ -85,8 +85,8 @@ def dataset(result: Any) -> xr.Dataset:
     """
     try:
         import xarray as xr
-    except ModuleNotFoundError:
-        raise InputError(what="xarray is not installed", where="to_xarray", remedy="pip install xarray") from None
+    except ModuleNotFoundError as error:
+        raise missing_package(error) or error from None
     result = result.fit if isinstance(result, ComparedFit) else result
     for kind, arrays in ARRAYS.items():
         if isinstance(result, kind):

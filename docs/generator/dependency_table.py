@@ -14,7 +14,7 @@ from modeling.table import Table
 
 ROOT = Path(__file__).parents[2]
 FILE = ROOT / "DEPENDENCIES.md"
-EXTRAS = ("simulation", "xarray")
+EXTRAS = ("logs", "workbench", "survey", "simulation", "xarray")
 """Beside what every installation has; the tools of `docs` and `development` are not listed."""
 LONGEST_LICENCE = 60
 """Characters of a licence's name; longer ones are the licence itself."""

@@ -20,7 +20,7 @@ from typing import BinaryIO, ClassVar, TypeAlias, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from modeling.errors import InputError, TruewrenchError
+from modeling.errors import InputError, TruewrenchError, missing_package
 
 Array: TypeAlias = NDArray[np.float64]
 ROS_TOPIC, TF_CHAIN = "ROS topic", "tf chain"
@@ -256,6 +256,8 @@ def tables_of(source: SourceFile) -> list[LogTable]:
         tables = [table for table in reader.tables(source) if table.columns and table.rows]
     except (TruewrenchError, KeyboardInterrupt):
         raise
+    except ModuleNotFoundError as error:
+        raise missing_package(error) or error from None
     except MemoryError:
         raise source.error("larger than the memory that is free", "cut the log into parts") from None
     except Exception as error:  # a library's own, of a damaged file: there is no common base class

@@ -6,6 +6,7 @@ import shutil
 from collections.abc import Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,7 @@ from truewrench.effect_description.effect_size import change_of_readings
 Array = NDArray[np.float64]
 
 WRENCH = "geometry_msgs/msg/WrenchStamped"
-BAG_VERSION = 9
+BAG_VERSION: Final = 9
 """Of rosbag2's format: that of ROS 2 Jazzy and later; the messages themselves are the same in all."""
 LAST_STAMP = 2**31
 """s: seconds of a stamp are 32 bits."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -210,7 +211,7 @@ def test_a_bag_has_what_was_measured_and_what_explains_it(tmp_path: Path) -> Non
     series: dict[str, list[list[float]]] = {}
     with AnyReader([bag]) as reader:
         for connection, stamp, raw in reader.messages():
-            message = reader.deserialize(raw, connection.msgtype)
+            message: Any = reader.deserialize(raw, connection.msgtype)
             assert stamp == message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
             force, torque = message.wrench.force, message.wrench.torque
             rows = series.setdefault(connection.topic.removeprefix("/truewrench/"), [])
