@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from modeling.errors import InputError, TruewrenchError, missing_package
+from modeling.plugins import FOUND
 from truewrench import command_parsers
 from truewrench.files.output import say
 from truewrench.options import add_verbosity, ids_apart, require_results_apart, verbosity
@@ -124,6 +125,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         require_results_apart(arguments, getattr(command, "result_files", None))
         with verbosity(arguments):
             command.run(arguments)
+            for plugin in FOUND:
+                if plugin.fault:
+                    say(f"warning: {plugin}")
+            FOUND.clear()
         sys.stdout.flush()
     except TruewrenchError as error:
         return _print_error(str(error))

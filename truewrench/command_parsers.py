@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from modeling.codegen.code_target import target_names
+from modeling.codegen.code_target import BUILT_IN
 from modeling.codegen.payload_format import FORMATS
 from modeling.significance import LEVELS
 from truewrench.options import (
@@ -313,7 +313,9 @@ def emit(commands: Subcommands[Any]) -> argparse.ArgumentParser:
     )
     explanation = "model file of `fit --out` or `diagnose --out`, or a base model: planar, spatial"
     command.add_argument("model", metavar="MODEL.json|planar|spatial", help=explanation)
-    command.add_argument("--to", required=True, choices=(*target_names(), *FORMATS), help="language or format")
+    command.add_argument(
+        "--to", required=True, metavar="FORMAT", help=f"language or format: {', '.join((*BUILT_IN, *FORMATS))}"
+    )
     text = "sampling rate of the code; needed for a model with lag, delay, hysteresis or a flexible tip"
     command.add_argument("--rate", type=positive, metavar="HZ", help=text)
     text = "pose of the sensor's own axes in the robot's frame, as the flange: m, and rad about fixed axes, as in URDF"

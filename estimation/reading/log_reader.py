@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modeling.errors import InputError, TruewrenchError, missing_package
+from modeling.plugins import READERS, plugins
 
 Array: TypeAlias = NDArray[np.float64]
 ROS_TOPIC, TF_CHAIN = "ROS topic", "tf chain"
@@ -242,9 +243,10 @@ class LogReader(ABC):
 
 def tables_of(source: SourceFile) -> list[LogTable]:
     """The tables of a source, by the first format that recognises it; InputError in one line when none can read it."""
+    plugins(READERS, _reader)  # which register themselves
     is_there = source.path.exists()
     members = [member() for member in LogReader.members if is_there or member.without_file]
-    reader = next((member for member in members if member.recognises(source)), None)
+    reader = next((member for member in members if _recognises(member, source)), None)
     if reader is None and not is_there:
         raise source.error("No such file or directory", "give the path of a log file")
     if reader is None:
@@ -266,6 +268,25 @@ def tables_of(source: SourceFile) -> list[LogTable]:
     if not tables:
         raise source.error(f"{reader.title} without samples", "give a log with rows of numbers")
     return tables
+
+
+def _reader(kind: type[LogReader]) -> type[LogReader]:
+    """A reader of another package; TypeError where it is none."""
+    if not (isinstance(kind, type) and issubclass(kind, LogReader)):
+        raise TypeError("no class of log readers")
+    return kind
+
+
+def _recognises(member: LogReader, source: SourceFile) -> bool:
+    """Whether a reader takes the source; one of another package that fails does not."""
+    if type(member).__module__.startswith(__name__.partition(".")[0]):
+        return member.recognises(source)
+    try:
+        return member.recognises(source)
+    except InputError:
+        raise
+    except Exception:
+        return False
 
 
 def _strangeness(source: SourceFile) -> str:

@@ -6,6 +6,8 @@ from abc import ABC, abstractmethod
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, ClassVar
 
+from modeling.plugins import TARGETS, plugins
+
 if TYPE_CHECKING:
     from modeling.codegen.fitted_model import FittedModel
     from modeling.codegen.rigid_tool_regressor import RigidToolRegressor
@@ -42,15 +44,19 @@ _TARGETS: dict[str, str | CodeTarget] = {
     "latex": "modeling.codegen.latex_target:LatexTarget",
 }
 """Targets by name, or where their classes are: those are imported when first used."""
+BUILT_IN = tuple(_TARGETS)
+"""Names of those that every installation has."""
 
 
 def target_names() -> tuple[str, ...]:
-    """The names of all targets."""
+    """The names of all targets, also of packages installed beside."""
+    plugins(TARGETS, _registered)
     return tuple(_TARGETS)
 
 
 def code_target(name: str) -> CodeTarget:
     """The target of that name; KeyError for none."""
+    plugins(TARGETS, _registered)
     registered = _TARGETS[name]
     target = resolve_name(registered)() if isinstance(registered, str) else registered
     assert isinstance(target, CodeTarget)
@@ -60,3 +66,13 @@ def code_target(name: str) -> CodeTarget:
 def register_target(target: CodeTarget) -> None:
     """Add a target, so that `truewrench emit` of this process takes its name."""
     _TARGETS[target.name] = target
+
+
+def _registered(kind: type[CodeTarget]) -> type[CodeTarget]:
+    """A target of another package, added; TypeError or ValueError where it is none, or its name is taken."""
+    if not (isinstance(kind, type) and issubclass(kind, CodeTarget)):
+        raise TypeError("no class of targets")
+    if kind.name in _TARGETS:
+        raise ValueError(f"the name {kind.name} is taken")
+    register_target(kind())
+    return kind

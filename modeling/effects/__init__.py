@@ -7,6 +7,7 @@ from typing import NoReturn
 from modeling.chain.effect import Effect
 from modeling.effects import disturbances, geometry, loads, sensor
 from modeling.errors import InputError, quoted, suggestion
+from modeling.plugins import EFFECTS, plugins
 from modeling.space import Space
 
 __all__ = ["CATALOGUE", "Effect", "catalogue", "named"]
@@ -55,9 +56,25 @@ def __dir__() -> list[str]:
     return sorted([*(effect.id for effect in CATALOGUE), "CATALOGUE", "Effect", "catalogue", "named"])
 
 
+def _of_package(kind: type[Effect]) -> type[Effect]:
+    """A class of effects that another package brings; TypeError or ValueError where it is none, or its id is taken."""
+    if not (isinstance(kind, type) and issubclass(kind, Effect)):
+        raise TypeError("no class of effects")
+    if kind.id in {effect.id for effect in CATALOGUE}:
+        raise ValueError(f"the id {kind.id} is the catalogue's")
+    for space in kind.spaces:
+        kind().parameters(space)
+    return kind
+
+
+def every_kind() -> tuple[type[Effect], ...]:
+    """The classes of the catalogue, then those of packages that are installed beside."""
+    return (*CATALOGUE, *(plugin.loaded for plugin in plugins(EFFECTS, _of_package) if plugin.loaded is not None))
+
+
 def catalogue(space: Space | None = None) -> tuple[Effect, ...]:
-    """One instance of every effect, or of those defined in the given space."""
-    return tuple(effect() for effect in CATALOGUE if space is None or space in effect.spaces)
+    """One instance of every effect, also of packages installed beside, or of those defined in the given space."""
+    return tuple(effect() for effect in every_kind() if space is None or space in effect.spaces)
 
 
 def named(effect_id: str) -> Effect:
@@ -65,8 +82,8 @@ def named(effect_id: str) -> Effect:
 
     Raises InputError for an unknown id.
     """
-    for effect in CATALOGUE:
+    for effect in every_kind():
         if effect.id == effect_id:
             return effect()
-    remedy = suggestion(effect_id, [effect.id for effect in CATALOGUE], most=len(CATALOGUE))
+    remedy = suggestion(effect_id, [effect.id for effect in every_kind()], most=len(CATALOGUE))
     raise InputError(what=f"no effect is called {quoted(effect_id)}", where="effect id", remedy=remedy)

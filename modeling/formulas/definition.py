@@ -17,7 +17,7 @@ from pydantic import BeforeValidator, Field
 
 from modeling import symbolic as sp
 from modeling.chain.chain import Chain, Stage
-from modeling.effects import CATALOGUE
+from modeling.effects import every_kind
 from modeling.errors import InputError, quoted, suggestion
 from modeling.formulas.parser import (
     FORMULA_FUNCTIONS,
@@ -416,7 +416,7 @@ def _require_id(effect_id: str, where: str) -> None:
     if not _ID.fullmatch(effect_id) or len(effect_id) > LONGEST_NAME:
         remedy = "use lowercase letters, digits and _, a letter first"
         raise InputError(what=f"{quoted(effect_id)} is not a valid id", where=f"{where}: id", remedy=remedy)
-    if any(effect_id == kind.id for kind in CATALOGUE):
+    if any(effect_id == kind.id for kind in every_kind()):
         what = f"the catalogue has an effect '{effect_id}'"
         raise InputError(what=what, where=f"{where}: id", remedy="choose another id")
 

@@ -12,6 +12,7 @@ from modeling.chain.effect import Effect
 from modeling.effects import catalogue, named
 from modeling.errors import InputError
 from modeling.parameter import Parameter
+from modeling.plugins import EFFECTS, FOUND
 from modeling.space import Space
 from modeling.table import Table
 
@@ -21,6 +22,8 @@ def run(arguments: argparse.Namespace) -> None:
     custom = () if arguments.effects is None else _custom_effects(arguments.effects)
     if arguments.id is None:
         print(listing((*catalogue(), *custom)))
+        if brought := [plugin for plugin in FOUND if plugin.group == EFFECTS]:
+            print(f"\nBy other packages: {'; '.join(map(str, brought))}.")
         return
     print(description(effect_by_id(arguments.id, custom)))
 
