@@ -94,6 +94,20 @@ PATTERNS: tuple[ColumnPattern, ...] = (
     _numbered(Quantity.ORIENTATION, r".*(?:pose|transform|matrix|_T_)[^\d]*", 16),
     _numbered(Quantity.ORIENTATION, r".*(?:orientation|quat|rotation)[^\d]*", 4, form="xyzw"),
     _numbered(Quantity.ORIENTATION, r".*(?:rotation|matrix|(?:^|[^a-z])r|rot)[^\d]*", 9),
+    # Euler angles, where nothing else tells the orientation: KUKA turns about moving z, y, x, Fanuc and xArm about
+    # fixed x, y, z, as roll, pitch and yaw are mostly meant. A reading of other axes is compared with it afterwards.
+    ColumnPattern(
+        quantity=Quantity.POSE, regex=r"(?P<stem>(?:.*[^a-z])?)(?P<part>[xyzabc])", parts=tuple("xyzabc"),
+        form="euler ZYX",
+    ),
+    ColumnPattern(
+        quantity=Quantity.POSE, regex=r"(?P<stem>(?:.*[^a-z])?)(?P<part>[xyzwpr])", parts=tuple("xyzwpr"),
+        form="euler xyz",
+    ),
+    ColumnPattern(
+        quantity=Quantity.ORIENTATION, regex=r"(?P<stem>(?:.*[^a-z])?)(?P<part>roll|pitch|yaw)",
+        parts=("roll", "pitch", "yaw"), form="euler xyz",
+    ),
     ColumnPattern(
         quantity=Quantity.POSITION,
         regex=rf"(?P<stem>(?:.*[^a-z])?)(?:position|pos|translation|p|){_SEP}(?P<part>[xyz])",

@@ -339,7 +339,11 @@ class _Groups:
         both = [*self.candidates(Quantity.POSE), *self.candidates(Quantity.ORIENTATION)]
         order = {pattern: place for place, pattern in enumerate(PATTERNS)}
         both.sort(key=lambda g: (bool(COMMANDED.search(g.title)), not g.preset))
-        chosen = self.only([g for g in both if _has_samples(g)]) if order else None
+        there = [g for g in both if _has_samples(g)]
+        beyond_doubt = [
+            g for g in there if g.form is None or not g.form.angles
+        ]  # whose axes the name does not leave open
+        chosen = self.only(beyond_doubt or there) if order else None
         if chosen is not None and self.stated.form is not None and len(chosen.columns) in self.stated.form.columns:
             chosen = ColumnGroup(**{**vars(chosen), "form": self.stated.form})
         return chosen
@@ -444,7 +448,7 @@ def _group(pattern: ColumnPattern, table: LogTable, stem: str, columns: tuple[st
         Quantity.WRENCH: PLANAR_CHANNELS if len(columns) == 3 else SPATIAL_CHANNELS,
         Quantity.POSITION: ("px", "py", "pz"),
     }.get(pattern.quantity, ("qx", "qy", "qz", "qw"))
-    form = OrientationForm(pattern.form) if pattern.form else None
+    form = OrientationForm(*pattern.form.split()) if pattern.form else None
     return ColumnGroup(
         quantity=pattern.quantity, table=table, columns=columns, targets=targets, form=form, stem=stem,
         base_axes=pattern.base_axes, compensated=pattern.compensated, preset=pattern.preset,

@@ -158,13 +158,13 @@ def read_with_rig(
     one_run: bool = False,
     every_row: bool = False,
 ) -> Recording:
-    """A recording as it stands; a log of a folder, or where the rig names the columns of its logs.
+    """A recording as it stands; an episode of a data set, or where the rig names the columns of its logs, a log.
 
     Repeats are those of the `period` (s), where it is given. With `every_row` nothing is cut or moved for the sake of
     repeats; with `one_run` they are not counted either.
     """
-    is_log = Path(path).is_dir() or episode_of(Path(path)) is not None  # of a bag or a data set
-    if period is not None or (rig is not None and rig.columns) or is_log:
+    is_episode = episode_of(Path(path)) is not None  # whose description names its columns
+    if period is not None or (rig is not None and rig.columns) or is_episode:
         return read(path, rig=rig, period=period, one_run=one_run or every_row)
     if every_row:
         return read_recording(path, rig=rig)

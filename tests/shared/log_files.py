@@ -382,6 +382,19 @@ def ros2_bag(storage: str) -> Writer:
     return write
 
 
+def euler(names: str, order: Any) -> Writer:
+    """A CSV with millimetres and Euler angles in degrees, as a controller calls them, about these axes."""
+
+    def write(frame: Frame, folder: Path) -> list[Path]:
+        angles = rotations(frame).as_euler(order, degrees=True)
+        pose = np.hstack([1000 * frame[POSITION].to_numpy(), angles])
+        columns = dict(zip(names.split(), pose.T, strict=True))
+        frame.drop(columns=POSITION + QUATERNION).assign(**columns).to_csv(folder / "pose.csv", index=False)
+        return [folder / "pose.csv"]
+
+    return write
+
+
 def lerobot(version: str) -> Writer:
     """The second of three episodes of a LeRobot data set: pose and gripper in one list, wrench, commanded pose."""
 
@@ -471,6 +484,9 @@ FORMATS: Mapping[str, Writer] = {
     "ros 1 bag": ros1_bag,
     "ros 2 bag sqlite3": ros2_bag("sqlite3"),
     "ros 2 bag mcap": ros2_bag("mcap"),
+    "kuka": euler("POS_ACT.X POS_ACT.Y POS_ACT.Z POS_ACT.A POS_ACT.B POS_ACT.C", "ZYX"),
+    "fanuc": euler("X Y Z W P R", "xyz"),
+    "xarm": euler("x y z roll pitch yaw", "xyz"),
     "lerobot 2": lerobot("v2.1"),
     "lerobot 3": lerobot("v3.0"),
 }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from math import isfinite
@@ -19,6 +20,7 @@ from estimation.fit import Fit, fit_case
 from estimation.least_squares.bounds import Bounds
 from estimation.least_squares.constraints import Constraints
 from estimation.least_squares.prior import Prior
+from estimation.reading.log_reader import episode_of
 from estimation.reading.log_reading import is_recording
 from estimation.readings.doubted_reading import DoubtedReading
 from estimation.recordings.column_table import table_file
@@ -99,6 +101,10 @@ def require_streamable(arguments: argparse.Namespace) -> None:
         if getattr(arguments, option):
             what = "not available for a streamed log"
             raise InputError(what=what, where=f"--{option}", remedy="leave it out, or fit without --stream")
+    for log in arguments.recordings:
+        if episode_of(Path(log)) is not None:
+            remedy = f"leave --stream out, or write it first: `{shlex.join(['truewrench', 'import', log])} --out REC`"
+            raise InputError(what="an episode of a data set is read as a whole", where=log, remedy=remedy)
     if len(arguments.recordings) > 1:
         what = "several logs were given"
         raise InputError(what=what, where="--stream", remedy="stream one log; `tw.fit` takes the chunks of many")
