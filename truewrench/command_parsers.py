@@ -263,6 +263,11 @@ def design(commands: Subcommands[Any]) -> argparse.ArgumentParser:
     command.add_argument(
         "--out", type=Path, metavar="PLAN.csv", help="file for the trajectory; its plot is written beside it (.png)"
     )
+    text = (
+        "also as a robot plays it, with --series rest, by the suffix: .yaml (ROS 2 JointTrajectory), .script (URScript,"
+    )
+    text += " servoj at 500 Hz), .csv (positions at 1 kHz); read back and checked against the limits; several times"
+    command.add_argument("--play", type=Path, action="append", default=[], metavar="FILE", help=text)
     command.add_argument("--json", action="store_true", help="print the figures of merit as JSON alone")
     return command
 

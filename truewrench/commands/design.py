@@ -16,6 +16,7 @@ from modeling.errors import InputError
 from truewrench.commands.design_request import DesignRequest, plot_path
 from truewrench.commands.results import print_result
 from truewrench.files.output import atomic_write, progress_line, say
+from truewrench.files.played_motion import write_played
 
 KEYS = ("logdet", "samples", "period", "bound_logdet", "bound_kind", "efficiency", "worst_limit_use", "evaluations")
 """Keys that the JSON always has; null where --tell designs for discrimination."""
@@ -24,8 +25,9 @@ NOTHING_YET = "no trajectory within the limits was reached yet, and nothing is w
 
 
 def result_files(arguments: argparse.Namespace) -> list[Path]:
-    """PLAN.csv and its plot."""
-    return [] if arguments.out is None else [arguments.out, plot_path(arguments.out)]
+    """PLAN.csv and its plot, and what robots play."""
+    plan = [] if arguments.out is None else [arguments.out, plot_path(arguments.out)]
+    return [*plan, *arguments.play]
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -68,10 +70,14 @@ def show(request: DesignRequest, plan: ExcitingTrajectory | DiscriminationDesign
     arguments = request.options
 
     def written() -> list[Path]:
-        files = [] if plan.motion is None else result_files(arguments)
-        if files:
+        if plan.motion is None or request.rig.limits is None:
+            return []
+        if arguments.out is not None:
             write(request, plan, arguments.out)
-        return files
+        for path in arguments.play:
+            names = request.joint_names
+            say(write_played(plan.motion, path, request.rig.limits, names, arguments.samples))
+        return result_files(arguments)
 
     excluded = f"\nexcluded, because no trajectory can be designed for them: {', '.join(request.left_out)}"
     print_result(

@@ -29,6 +29,7 @@ from modeling.noise import NoiseModel
 from modeling.rig import Convention, Rig
 from modeling.space import Space
 from truewrench.files.model_file import ModelFile
+from truewrench.files.played_motion import played_format
 from truewrench.options import available_cores
 
 ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -48,9 +49,14 @@ class DesignRequest:
 
     @classmethod
     def of(cls, options: argparse.Namespace) -> DesignRequest:
-        """Read the rig and the model file; --out is checked first."""
+        """Read the rig and the model file; --out and --play are checked first."""
         if options.out is not None:
             _require_csv(options.out)
+        for path in options.play:
+            played_format(path)
+            if options.series != "rest":
+                what = f"a robot starts and ends at rest, and --series {options.series} in motion"
+                raise InputError(what=what, where="--play", remedy="add --series rest")
         saved = None if options.model is None else ModelFile.read(options.model)
         return cls(options, Rig.read(options.rig), saved)
 
@@ -58,6 +64,12 @@ class DesignRequest:
     def arm(self) -> Arm:
         """The rig's arm."""
         return arm_and_limits(self.rig)[0]
+
+    @property
+    def joint_names(self) -> list[str]:
+        """Names of the joints as the URDF has them, q1 .. qn of an arm without."""
+        arm = self.rig.spatial_arm
+        return [f"q{i + 1}" for i in range(self.arm.joints)] if arm is None else [joint.name for joint in arm.chain]
 
     @cached_property
     def model(self) -> WrenchModel:
