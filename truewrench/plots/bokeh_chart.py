@@ -44,6 +44,7 @@ from truewrench.plots.chart import (
     Span,
     decimated,
     legend_labels,
+    thinned,
 )
 from truewrench.plots.style import FAINT, INK, MEASURED, MUTED, NOISE, QUIET_NOISE
 
@@ -360,6 +361,7 @@ def _line(mark: Line, drawing: _Drawing) -> None:
 
 @_draw.register
 def _points(mark: Points, drawing: _Drawing) -> None:
+    mark = thinned(mark, drawing.columns, log=drawing.panel.x_log)
     colour = drawing.colour(mark.colour)
     values: dict[str, Any] = {"x": mark.x, "y": mark.y}
     if mark.low is not None and mark.high is not None:
