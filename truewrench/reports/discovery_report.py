@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,18 +11,19 @@ from diagnosis.comparison.compared_step import error_table
 from diagnosis.comparison.model_comparison import compare
 from diagnosis.discovery.discovery import Discovery, FoundEquation
 from diagnosis.discovery.grammar import Term
-from diagnosis.discovery.quantities import POWER, SHAPES, Quantity
+from diagnosis.discovery.quantities import POWER, Quantity
 from diagnosis.discovery.search import ScoredTerm
 from diagnosis.study import StudyStep
 from diagnosis.verdict.aliasing import channel_tolerance
 from estimation.fit import Fit
+from estimation.recordings.recording import Recording
 from modeling.number_format import SHARE, FormattedQuantity, format_number, format_p_value, format_percentage
 from modeling.space import Space
 from modeling.table import Column, Table
 from truewrench.plots.parameters_plot import error_reduction_image
 from truewrench.plots.style import ADEQUATE_COLOUR, MISFIT_COLOUR
 from truewrench.plots.time_series_plot import LabelledComparison
-from truewrench.reports.effect_row import EffectCard, effect_cards, quantities
+from truewrench.reports.effect_row import effect_cards, quantities
 from truewrench.reports.report_files import Provenance, ReportTexts
 from truewrench.reports.report_html import RecordingSection, full_section, sharing_numbers, short_section
 
@@ -41,6 +42,12 @@ SYMBOLS = {
     "h": "h a constant vector in the tool's axes",
     "k": "k a constant vector in the world's axes",
     **{axis: f"{axis} coordinate of the point in the world (m)" for axis in "xyz"},
+    **{f"{name}_sat": f"{name}_sat = {name} / ({scale} + |{name}|)" for name, scale in (("v", "v_0"), ("w", "u_0"))},
+    **{
+        f"{name}_drop": f"{name}_drop = {name} / (1 + (|{name}| / {scale})²)"
+        for name, scale in (("v", "v_0"), ("w", "u_0"))
+    },
+    "fading": "fading = exp(−time / t_0)",
 }
 """Leaves of the grammar in words; others are columns of the recording, and named as there."""
 BEYOND = {
@@ -48,6 +55,8 @@ BEYOND = {
     "under": "how far the point is below s_0 in {} (m), else 0",
     "onto": "the same from s_0 upwards in {}, over w_0, 1 at the most",
     "into": "the same from s_0 downwards in {}, over w_0, 1 at the most",
+    "falling": "what falls to 1/e in l_0 along {}, 1 in its middle",
+    "rising": "what rises by e in l_0 along {}, 1 in its middle",
 }
 
 
@@ -75,8 +84,8 @@ def _in_signs(quantity: Quantity, within: str = "") -> str:
     return f"({text})" if grouped else text
 
 
-def symbols_sentence(term: Term) -> str:
-    """What the letters of its formula stand for."""
+def symbols_sentence(term: Term, columns: Collection[str] = ()) -> str:
+    """What the letters of its formula stand for; `columns` are those that are in the recording beside the motion."""
     said = []
     for name in sorted(term.quantity.leaves):
         kind, _, axis = name.partition("_")
@@ -84,12 +93,12 @@ def symbols_sentence(term: Term) -> str:
             said.append(SYMBOLS[name])
         elif kind in BEYOND:
             said.append(f"{name} {BEYOND[kind].format(axis)}")
-        elif re.fullmatch(r"q\d+|phi", name):
-            said.append(f"{name} as recorded (rad)")
-        elif name not in SHAPES and name != "harmonic":
-            said.append(f"{name} as recorded")
+        elif re.fullmatch(r"q\d+|phi", recorded := name.removesuffix("_dev")):
+            said.append(f"{recorded} as recorded (rad)")
+        elif recorded in columns:
+            said.append(f"{recorded} as recorded")
     said += ["d distance of the point from the sensor along the tip (m)"] if term.at_point else []
-    return f"Here {'; '.join(said)}."
+    return f"Here {'; '.join(said)}." if said else ""
 
 
 @dataclass(frozen=True)
@@ -129,38 +138,37 @@ def told_apart(best: ScoredTerm, other: ScoredTerm) -> str:
 
 @dataclass(frozen=True)
 class EquationSection:
-    """An equation on the page; `sizes` are its constants, `card` what it does to the readings."""
+    """An equation on a page; `sizes` are its constants, `evidence` how much it explains where."""
 
     id: str
     formula: str
     symbols: str
     sizes: tuple[FormattedQuantity, ...]
     evidence: str
-    card: EffectCard
     runners_up: tuple[RunnerUp, ...]
 
     @classmethod
-    def of(cls, equation: FoundEquation, card: EffectCard, held_out: str) -> EquationSection:
-        """Of what was found; `held_out` names the recordings it was tested on."""
+    def of(cls, equation: FoundEquation, held_out: Sequence[Recording]) -> EquationSection:
+        """Of what was found, and tested on the recordings held out."""
         best, space = equation.found.best.scored, equation.effect.spaces[0]
         return cls(
             id=equation.effect.id,
             formula=typeset_formula(best.term, space),
-            symbols=symbols_sentence(best.term),
+            symbols=symbols_sentence(best.term, equation.effect.to_data().get("inputs", ())),
             sizes=tuple(quantities((name, *estimate) for name, estimate in equation.parameters.items())),
             evidence=evidence_sentence(equation, held_out),
-            card=card,
             runners_up=tuple(RunnerUp.of(other, odds, best, space) for other, odds in equation.found.alternatives),
         )
 
 
-def evidence_sentence(equation: FoundEquation, held_out: str) -> str:
-    """What it explains, there and here, and how surely."""
+def evidence_sentence(equation: FoundEquation, held_out: Sequence[Recording]) -> str:
+    """What it explains, here and there, and how surely."""
+    names = ", ".join(recording.name for recording in held_out)
     p_value = format_p_value(equation.found.p_value)
     return (
         f"It explains {format_percentage(equation.share)} of what was above the noise"
         f" (p {p_value if p_value.startswith('<') else f'= {p_value}'}, corrected for all terms tested), and"
-        f" {format_percentage(equation.held_out)} of it on {held_out}, where its constants were not fitted."
+        f" {format_percentage(equation.held_out)} of it on {names}, where its constants were not fitted."
     )
 
 
@@ -171,9 +179,7 @@ def discovery_report(discovery: Discovery, provenance: Provenance) -> ReportText
 
 def _values(discovery: Discovery, provenance: Provenance) -> dict[str, Any]:
     rig = discovery.first.recordings[0].rig
-    cards = {card.id: card for card in effect_cards(discovery.last)}
-    held_out = ", ".join(recording.name for recording in discovery.held_out)
-    equations = [EquationSection.of(each, cards[each.effect.id], held_out) for each in discovery.equations]
+    equations = [EquationSection.of(each, discovery.held_out) for each in discovery.equations]
     tolerance, _ = channel_tolerance(discovery.first)
     fits = [discovery.first, discovery.last][: 1 + discovery.found]
     steps, names = [_step(fit, discovery) for fit in fits], ["without it", "with it"][: len(fits)]
@@ -181,9 +187,7 @@ def _values(discovery: Discovery, provenance: Provenance) -> dict[str, Any]:
     misfit = []
     if discovery.found and (misfitting := steps[-1].misfitting):
         kind, symbol = "partly_explained", "◐"
-        misfit = [
-            f"With {'them' if len(equations) > 1 else 'it'} the model still does not fit {', '.join(misfitting)}."
-        ]
+        misfit = [f"With what was found the model still does not fit {', '.join(misfitting)}."]
     nothing = f"No equation up to complexity {discovery.complexity}"
     return {
         "title": "; ".join(each.formula for each in discovery.equations) or nothing,
@@ -195,6 +199,7 @@ def _values(discovery: Discovery, provenance: Provenance) -> dict[str, Any]:
         "nothing": nothing,
         "sentences": [*discovery.remarks(), *misfit],
         "equations": equations,
+        "cards": {card.id: card for card in effect_cards(discovery.last)},
         "model": " + ".join(["rigid tool", *(effect.id for effect in discovery.first.model.effects)]),
         "depends_on": depends_table(discovery.depends_on),
         "error_image": error_reduction_image(steps, names, tolerance),
