@@ -128,6 +128,7 @@ def discover(commands: Subcommands[Any]) -> argparse.ArgumentParser:
     text = "most leaves and operations of a term (default: %(default)s)"
     command.add_argument("--complexity", type=_count, metavar="K", default=6, help=text)
     command.add_argument("--out", type=Path, metavar="EFFECT.toml", help="effects file for the terms that were found")
+    add_report(command)
     command.add_argument("--json", action="store_true", help="print the result as JSON alone")
     return command
 

@@ -6,6 +6,7 @@ import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -262,7 +263,8 @@ def discover(
             rejected = found
             break
         progress(f"term {number}: refit with {found.best.scored.term.printed(fitted.model.space)}")
-        effect_id = f"found_{number}"
+        taken = [effect.id for effect in fitted.model.effects]
+        effect_id = next(name for name in map("found_{}".format, count(1)) if name not in taken)
         after, effect = _refitted(fitted, found.best.scored, effect_id, leaves, inputs)
         excess = max(search.null_model.cost - len(search.null_model.residual), found.best.scored.score)
         beyond = sum(other.null_model.cost - len(other.null_model.residual) for other in others)

@@ -261,14 +261,12 @@ def to_sympy(tree: ast.expr, values: Mapping[str, sp.Expr], source: FormulaSourc
             return values[name]
     try:
         built = _combined(tree, values, source)
-        if not built.has(*_NOT_FINITE) and all(map(_is_representable, (built, *built.args))):
+        strange = built.has(sp.zoo, sp.nan, sp.oo, sp.S.NegativeInfinity, sp.I)
+        if not strange and all(map(_is_representable, (built, *built.args))):
             return built
     except (ValueError, TypeError):
         pass  # SymPy cannot compare infinite or complex values
     raise source.error(tree.col_offset, "it simplifies to no finite real number", "correct the formula there")
-
-
-_NOT_FINITE = (sp.zoo, sp.nan, sp.oo, sp.S.NegativeInfinity, sp.I)
 
 
 def _combined(tree: ast.expr, values: Mapping[str, sp.Expr], source: FormulaSource) -> sp.Expr:

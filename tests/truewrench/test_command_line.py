@@ -541,7 +541,7 @@ def test_a_diagnosis_of_plain_files_imports_only_what_it_uses(bench: Bench, run:
     code = (
         f"import sys\nfrom truewrench.command_line import main\nmain({argv})\n"
         f"print('loaded:', [name for name in {unused} if name in sys.modules])\n"
-        "import truewrench.reports.report_html\n"
+        "import truewrench.files.model_file, truewrench.reports.report_html\n"
         "print('for a report:', [name for name in ('pandas', 'sympy') if name in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], text=True, capture_output=True, check=True)

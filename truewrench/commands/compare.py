@@ -11,7 +11,6 @@ from truewrench.files.case_files import file_labels, read_recordings, require_di
 from truewrench.files.model_file import ModelFile
 from truewrench.files.output import progress_line
 from truewrench.reports.fit_report import comparison_report
-from truewrench.reports.report_files import write_report_files
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -28,7 +27,7 @@ def run(arguments: argparse.Namespace) -> None:
     def written() -> list[Path]:
         if arguments.report is None:
             return []
-        texts = comparison_report(comparison, provenance_of(arguments, *paths, *arguments.on))
-        return write_report_files(texts, arguments.report)
+        provenance = provenance_of(arguments, *paths, *arguments.on)
+        return comparison_report(comparison, provenance).write(arguments.report)
 
     print_result(arguments, lambda: comparison, comparison.to_data, written)

@@ -100,9 +100,8 @@ def write(
     Of each folder all files are written, or none.
     """
     from truewrench.files.model_file import as_model_file  # with the parser of formulas
-    from truewrench.reports.report_files import write_report_files
 
-    written = [] if report is None else write_report_files(texts, report)
+    written = [] if report is None else texts.write(report)
     if out is None:
         return written
     make_folder(out)

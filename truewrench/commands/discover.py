@@ -6,12 +6,12 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
-from diagnosis.discovery.discovery import discover
+from diagnosis.discovery.discovery import Discovery, discover
 from diagnosis.screening.score_test import model_initial_values
 from estimation.fit import fit_case
 from modeling.errors import InputError
 from truewrench.commands.effect_choice import custom_effects, with_effects_changed
-from truewrench.commands.results import print_result, suspicions_named
+from truewrench.commands.results import print_result, provenance_of, suspicions_named
 from truewrench.files.case_files import read_case
 from truewrench.files.model_file import ModelFile
 from truewrench.files.output import atomic_write, progress_line
@@ -50,10 +50,20 @@ def run(arguments: argparse.Namespace) -> None:
         )
 
     def written() -> list[Path]:
-        if arguments.out is None or not discovery.found:
-            return []
-        with atomic_write(arguments.out) as path:
-            path.write_text(discovery.effects_toml, encoding="utf-8")
-        return [arguments.out]
+        files = []
+        if arguments.out is not None and discovery.found:
+            with atomic_write(arguments.out) as path:
+                path.write_text(discovery.effects_toml, encoding="utf-8")
+            files.append(arguments.out)
+        return files if arguments.report is None else [*files, *write_report(arguments, discovery)]
 
     print_result(arguments, lambda: discovery, discovery.to_data, written)
+
+
+def write_report(arguments: argparse.Namespace, discovery: Discovery) -> list[Path]:
+    """Write the report of --report; return its files."""
+    from truewrench.reports.discovery_report import discovery_report  # with its templates and figures
+
+    inputs = (arguments.rig, arguments.effects, arguments.model)
+    provenance = provenance_of(arguments, *arguments.recordings, *arguments.validate, *inputs)
+    return discovery_report(discovery, provenance).write(arguments.report)

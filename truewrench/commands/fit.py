@@ -87,12 +87,10 @@ def run_in_memory(arguments: argparse.Namespace) -> None:
 def write_report(arguments: argparse.Namespace, summary: FitSummary, case: Case) -> list[Path]:
     """Write the report of --report; return its files."""
     from truewrench.reports.fit_report import fit_report
-    from truewrench.reports.report_files import write_report_files
 
     inputs = (arguments.rig, arguments.effects, arguments.bounds, arguments.prior)
     provenance = provenance_of(arguments, *arguments.recordings, *arguments.validate, *inputs)
-    texts = fit_report(summary, provenance, frame_sentences(case))
-    return write_report_files(texts, arguments.report)
+    return fit_report(summary, provenance, frame_sentences(case)).write(arguments.report)
 
 
 def require_streamable(arguments: argparse.Namespace) -> None:

@@ -6,7 +6,7 @@ import re
 from xml.sax.saxutils import escape
 
 _TOKEN = re.compile(
-    r"(?P<number>\d+(?:\.\d+)?)|(?P<name>[^\W\d_²³⁴]+(?:_[^\W²³⁴]+)?)|(?P<power>[²³⁴]|\*\*|\^)|(?P<prime>')"
+    r"(?P<number>\d+(?:\.\d+)?)|(?P<name>[^\W\d_²³⁴]+(?:_[^\W²³⁴]+)?)|(?P<inverse>(?:\*\*|\^)-\d+)|(?P<power>[²³⁴]|\*\*|\^)|(?P<prime>')"
     r"|(?P<operator>\+=|-=|->|<=|>=|[-+*/=<>|()\[\]·,])|(?P<space>\s+)|(?P<other>.)"
 )
 _OPERATION = re.compile("[-=+*/<>|^]")
@@ -52,7 +52,10 @@ def _pieces(part: str) -> str:
     raise_next = False
     for match in _TOKEN.finditer(part):
         kind, token = match.lastgroup, match[0]
-        if kind == "power" and token not in SUPERSCRIPT_DIGITS:
+        if kind == "inverse" and pieces:
+            raised = f"<mrow><mo>−</mo><mn>{token.rpartition('-')[2]}</mn></mrow>"
+            pieces[-1] = f"<msup>{pieces[-1]}{raised}</msup>"
+        elif kind == "power" and token not in SUPERSCRIPT_DIGITS:
             raise_next = bool(pieces)
         elif kind in ("power", "prime") and pieces:
             raised = "<mo>′</mo>" if kind == "prime" else f"<mn>{SUPERSCRIPT_DIGITS[token]}</mn>"
@@ -69,6 +72,8 @@ def _piece(kind: str | None, token: str) -> str:
         return '<mspace width="0.2em"/>'
     if kind == "number":
         return f"<mn>{token}</mn>"
+    if token == "|":
+        return '<mo stretchy="false" lspace="0" rspace="0">|</mo>'  # what it is raised to stands beside it
     if kind == "operator":
         return f"<mo>{escape(OPERATORS.get(token, token))}</mo>"
     if kind != "name" or token in PROSE:

@@ -26,6 +26,7 @@ from bokeh.models import (
     PrintfTickFormatter,
     Range1d,
     Spacer,
+    glyphs,
 )
 from bokeh.models.annotations import Label, Title
 from bokeh.models.annotations import Span as Rule
@@ -44,6 +45,7 @@ from truewrench.plots.chart import (
     Span,
     decimated,
     legend_labels,
+    thinned,
 )
 from truewrench.plots.style import FAINT, INK, MEASURED, MUTED, NOISE, QUIET_NOISE
 
@@ -141,6 +143,13 @@ class _Drawing:
 
     def colour(self, colour: str) -> str:
         return self.scheme.colour(colour)
+
+    def add(self, glyph: Any, source: ColumnDataSource, name: str = "", level: str = "glyph") -> Any:
+        """Draw a glyph alone: methods of the figure make three more, for points that are selected or muted.
+
+        They cost a quarter of a page's figures, and nothing can be selected.
+        """
+        return self.figure.add_glyph(source, glyph, name=name, level=level)
 
 
 def bokeh_chart(chart: Chart, scheme: Scheme = LIGHT, *, columns: int | None = None) -> Any:
@@ -271,7 +280,7 @@ def _add_hover(drawing: _Drawing, named: Panel) -> None:
     for series, side in zip(drawing.series, sides, strict=False):
         values = [(line.label, f"@y{n}{{%.5g}}{unit}") for n, line in enumerate(series.lines) if line.label]
         if values:
-            unseen = drawing.figure.line("x", "y0", source=series.source, line_alpha=0.0)  # no legend hides it
+            unseen = drawing.add(glyphs.Line(x="x", y="y0", line_alpha=0.0), series.source)  # no legend hides it
             drawing.figure.add_tools(
                 HoverTool(renderers=[unseen], tooltips=[*across, *values], formatters=written, visible=False,
                           mode="vline", attachment=side)
@@ -350,26 +359,28 @@ def _draw(mark: object, drawing: _Drawing) -> None:
 def _line(mark: Line, drawing: _Drawing) -> None:
     series = next(s for s in drawing.series if mark in s.lines)
     style: dict[str, Any] = {
-        "line_color": drawing.colour(mark.colour), "line_width": mark.width, "line_alpha": mark.opacity,
-        "line_dash": "dashed" if mark.dashed else "solid", "name": mark.label,
+        "x": "x", "y": f"y{series.lines.index(mark)}", "line_color": drawing.colour(mark.colour),
+        "line_width": mark.width, "line_alpha": mark.opacity, "line_dash": "dashed" if mark.dashed else "solid",
     }  # fmt: skip
-    draw = drawing.figure.step if mark.steps else drawing.figure.line
-    more = {"mode": "center"} if mark.steps else {}
-    draw("x", f"y{series.lines.index(mark)}", source=series.source, **style, **more)
+    glyph = glyphs.Step(mode="center", **style) if mark.steps else glyphs.Line(**style)
+    drawing.add(glyph, series.source, mark.label)
 
 
 @_draw.register
 def _points(mark: Points, drawing: _Drawing) -> None:
+    mark = thinned(mark, drawing.columns, log=drawing.panel.x_log)
     colour = drawing.colour(mark.colour)
     values: dict[str, Any] = {"x": mark.x, "y": mark.y}
-    if mark.low is not None and mark.high is not None:
-        values |= {"low": mark.low, "high": mark.high}
-        drawing.figure.segment(mark.x, mark.low, mark.x, mark.high, line_color=colour, line_width=1.3, name=mark.label)
-    drawn = drawing.figure.scatter(
-        "x", "y", source=ColumnDataSource(values), marker=MARKERS.get(mark.symbol, "circle"), size=1.6 * mark.size,
-        line_color=colour, fill_color=drawing.scheme.paper if mark.hollow else colour, line_width=1.4, name=mark.label,
+    bars = mark.low is not None and mark.high is not None
+    source = ColumnDataSource(values | ({"low": mark.low, "high": mark.high} if bars else {}))
+    if bars:
+        segment = glyphs.Segment(x0="x", y0="low", x1="x", y1="high", line_color=colour, line_width=1.3)
+        drawing.add(segment, source, mark.label)
+    marker = glyphs.Scatter(
+        x="x", y="y", marker=MARKERS.get(mark.symbol, "circle"), size=1.6 * mark.size, line_color=colour,
+        fill_color=drawing.scheme.paper if mark.hollow else colour, line_width=1.4,
     )  # fmt: skip
-    drawing.points.append((mark, drawn))
+    drawing.points.append((mark, drawing.add(marker, source, mark.label)))
     if mark.notes:
         drawing.figure.text(
             mark.x, mark.y, text=list(mark.notes), x_offset=-7, y_offset=-6, text_align="right",
@@ -379,26 +390,26 @@ def _points(mark: Points, drawing: _Drawing) -> None:
 
 @_draw.register
 def _band(mark: Band, drawing: _Drawing) -> None:
-    style = {"fill_color": drawing.colour(mark.colour), "fill_alpha": mark.opacity, "line_color": None}
-    style |= {"name": mark.label}
+    style: dict[str, Any] = {"fill_color": drawing.colour(mark.colour), "fill_alpha": mark.opacity, "line_color": None}
     if mark.x is None:
-        limits = {"y0": [float(np.asarray(mark.low))], "y1": [float(np.asarray(mark.high))]}
-        drawing.figure.hstrip(**limits, **style, level="underlay")
+        limits: dict[str, Any] = {"y0": [float(np.asarray(mark.low))], "y1": [float(np.asarray(mark.high))]}
+        strip = glyphs.HStrip(y0="y0", y1="y1", **style)
+        drawing.add(strip, ColumnDataSource(limits), mark.label, "underlay")
         return
     low, high = (np.broadcast_to(np.asarray(v, dtype=np.float64), mark.x.shape) for v in (mark.low, mark.high))
     log, columns = drawing.panel.x_log, drawing.columns
     x, bottom = decimated(Line(x=mark.x, y=low, colour=mark.colour), columns, log=log)
     x_top, top = decimated(Line(x=mark.x, y=high, colour=mark.colour), columns, log=log)
     outline: Array = np.concatenate([bottom, top[::-1]])
-    drawing.figure.patch(np.concatenate([x, x_top[::-1]]), outline, **style)
+    source = ColumnDataSource({"x": np.concatenate([x, x_top[::-1]]), "y": outline})
+    drawing.add(glyphs.Patch(x="x", y="y", **style), source, mark.label)
 
 
 @_draw.register
 def _span(mark: Span, drawing: _Drawing) -> None:
-    drawing.figure.vstrip(
-        x0=[mark.start], x1=[mark.end], fill_color=drawing.colour(mark.colour), fill_alpha=mark.opacity,
-        line_color=None, level="underlay", name=mark.label,
-    )  # fmt: skip
+    style: dict[str, Any] = {"fill_color": drawing.colour(mark.colour), "fill_alpha": mark.opacity, "line_color": None}
+    source = ColumnDataSource({"x0": [mark.start], "x1": [mark.end]})
+    drawing.add(glyphs.VStrip(x0="x0", x1="x1", **style), source, mark.label, "underlay")
 
 
 @_draw.register

@@ -278,7 +278,7 @@ def value_limits(values: Sequence[Array | float], *, log: bool = False) -> tuple
     return low - margin, high + margin
 
 
-# A line of a chart thinned to what a screen can show: the smallest and the largest sample of each column of pixels.
+# Marks of a chart thinned to what a screen can show: the smallest and the largest value in each column of pixels.
 
 
 def decimated(line: Line, columns: int, *, log: bool) -> tuple[Array, Array]:
@@ -287,5 +287,23 @@ def decimated(line: Line, columns: int, *, log: bool) -> tuple[Array, Array]:
         return line.x, line.y
     if not log:
         return min_max_decimated(line.x, line.y, columns)
-    place = np.floor(columns * np.log(line.x / line.x[0]) / np.log(line.x[-1] / line.x[0]))
-    return extremes(line.x, line.y, np.append(np.unique(place, return_index=True)[1], len(place)))
+    starts = np.unique(_columns(line.x, columns, log=log), return_index=True)[1]
+    return extremes(line.x, line.y, np.append(starts, len(line.x)))
+
+
+def thinned(points: Points, columns: int, *, log: bool) -> Points:
+    """The lowest and the highest of the points in each of so many columns; all of few, and of those with notes."""
+    if len(points.x) <= 2 * columns or points.notes:
+        return points
+    place = _columns(points.x, columns, log=log)
+    order = np.lexsort((points.y, place))
+    ends = np.flatnonzero(np.diff(place[order], prepend=-1, append=columns + 1))
+    kept = np.unique(np.concatenate([order[ends[:-1]], order[ends[1:] - 1]]))
+    low, high = (None if bars is None else bars[kept] for bars in (points.low, points.high))
+    return replace(points, x=points.x[kept], y=points.y[kept], low=low, high=high)
+
+
+def _columns(x: Array, columns: int, *, log: bool) -> Array:
+    """In which of so many columns each x is; on a logarithmic axis they are equal in log x."""
+    across = np.log(x) if log else x
+    return np.asarray(np.floor(columns * (across - across.min()) / (np.ptp(across) or 1.0)))

@@ -22,7 +22,20 @@ from matplotlib.transforms import Bbox
 from numpy.typing import NDArray
 
 from modeling.errors import InputError, kind_of
-from truewrench.plots.chart import Band, Bars, Chart, Heat, Level, Line, Panel, Points, Span, decimated, legend_labels
+from truewrench.plots.chart import (
+    Band,
+    Bars,
+    Chart,
+    Heat,
+    Level,
+    Line,
+    Panel,
+    Points,
+    Span,
+    decimated,
+    legend_labels,
+    thinned,
+)
 from truewrench.plots.style import (
     EDGE,
     INK,
@@ -164,6 +177,8 @@ TICK_GAP = 12.0
 """Between the labels of neighbouring ticks; with less they are turned."""
 TURN = 28
 """Degrees."""
+NARROWER = 0.9
+"""Of a panel's first width, below which its texts are measured again: others may be chosen for ticks, or be turned."""
 
 
 @dataclass(frozen=True)
@@ -177,9 +192,14 @@ class Surroundings:
 
     @classmethod
     def of(cls, axes: Axes) -> Surroundings:
-        """As drawn, without the length of titles and labels; none of axes that are not shown."""
-        whole, inside = axes.get_tightbbox(for_layout_only=True), axes.get_window_extent()
-        if whole is None or not axes.get_visible():
+        """As drawn, without the length of titles and labels; none of axes that are not shown.
+
+        What the axes clip is not asked, nor spines: they end where the panel does, and cost as much as all texts.
+        """
+        beside = [*axes.texts, *axes.child_axes, *filter(None, [axes.get_legend()])]
+        whole = axes.get_tightbbox(for_layout_only=True, bbox_extra_artists=beside)
+        inside = axes.get_window_extent()
+        if whole is None:
             return cls()
         scale = PIXELS_PER_INCH / axes.figure.dpi
         ends = (inside.x0 - whole.x0, whole.x1 - inside.x1, whole.y1 - inside.y1, inside.y0 - whole.y0)
@@ -190,14 +210,14 @@ def fit_grid(figure: Figure, panels: NDArray[Any], grid: PanelGrid, *, head: flo
     """The grid with margins for all texts, after figure and panels were placed by it.
 
     `head` is the room for title and legend of the whole figure above the panels. Panels keep their height; where labels
-    are long they become narrower, and it is done again. Labels of the first column are then aligned at the edge.
+    make them much narrower, it is done again. Labels of the first column are then aligned at the edge.
     """
     for _ in range(2):
         for axes in panels.flat:
             _turn_long_ticks(axes)
         width, grid = grid.panel_width, _with_room(panels, grid, head)
         grid.place(figure)
-        if grid.panel_width == width:
+        if grid.panel_width >= NARROWER * width:
             break
     for axes in panels[:, 0]:
         if axes.get_ylabel():
@@ -467,6 +487,7 @@ def _line(mark: Line, axes: Axes, panel: Panel, order: float) -> list[Note]:
 
 @_draw.register
 def _points(mark: Points, axes: Axes, panel: Panel, order: float) -> list[Note]:
+    mark = thinned(mark, LINE_COLUMNS, log=panel.x_log)
     if mark.low is not None and mark.high is not None:
         axes.vlines(mark.x, mark.low, mark.high, color=mark.colour, lw=1.1, zorder=2 + order)
     face = "white" if mark.hollow else mark.colour

@@ -15,13 +15,14 @@ from matplotlib.figure import Figure
 SYSTEM_FONTS = "-apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, 'Liberation Sans', sans-serif"
 _FONT = re.compile(r"'DejaVu Sans'[^;\"]*sans-serif")
 _PATH = re.compile(r'(?<=<path d=")[^"]*')
-_LONG_NUMBER = re.compile(r"(\.\d)\d+")
+_DECIMALS = re.compile(r"(?<=\.\d)\d+")
 
 
 _HEAD = re.compile(r"^.*?(?=<svg)|<metadata>.*?</metadata>", re.DOTALL)
 _SPACES = re.compile(r"\s+")
-SAFE = " !$&()*+,-./:;=?@[]^_`{|}~'"
-"""Characters that a data URI in a quoted attribute may have as they are; the rest is escaped, the text stays short."""
+_NOT_ASCII = re.compile(r"[^\x00-\x7f]+")
+ESCAPED = '%"#<>\\'
+"""Characters that a data URI in a quoted attribute may not have as they are, beside those that are not ASCII."""
 
 
 @dataclass(frozen=True)
@@ -44,10 +45,16 @@ class Drawing:
             axes.patch.set_alpha(0.0)  # the page's paper, light or dark, shows through
         with rc_context({"svg.fonttype": "none", "svg.hashsalt": "truewrench"}):
             figure.savefig(stream, format="svg", metadata={"Date": None, "Creator": None})
-        text = _PATH.sub(lambda match: _LONG_NUMBER.sub(r"\1", match[0]), _FONT.sub(SYSTEM_FONTS, stream.getvalue()))
+        text = _PATH.sub(lambda match: _DECIMALS.sub("", match[0]), _FONT.sub(SYSTEM_FONTS, stream.getvalue()))
         width, height = (round(96 * float(inches)) for inches in figure.get_size_inches())
-        source = f"data:image/svg+xml,{quote(_SPACES.sub(' ', _HEAD.sub('', text)), safe=SAFE)}"
-        return cls(source, width, height)
+        return cls(f"data:image/svg+xml,{_escaped(_SPACES.sub(' ', _HEAD.sub('', text)))}", width, height)
+
+
+def _escaped(text: str) -> str:
+    """The text within a data URI; `quote` of all of it looks at each character."""
+    for character in ESCAPED:
+        text = text.replace(character, quote(character))
+    return _NOT_ASCII.sub(lambda match: quote(match[0]), text)
 
 
 @dataclass(eq=False)

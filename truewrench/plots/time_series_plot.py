@@ -16,8 +16,8 @@ from estimation.noise.recording_noise import sample_step
 from estimation.recordings.recording import Recording
 from modeling.noise import NoiseSource
 from modeling.number_format import axis_label
-from truewrench.plots.chart import Band, Chart, Level, Line, Mark, Panel, Points, Span, value_limits
-from truewrench.plots.matplotlib_chart import draw_panel, fit_grid
+from truewrench.plots.chart import Band, Chart, Level, Line, Mark, Panel, Points, Span, decimated, value_limits
+from truewrench.plots.matplotlib_chart import LINE_COLUMNS, draw_panel, fit_grid
 from truewrench.plots.style import HELD_OUT, MEASURED, MUTED, NOISE, QUIET_NOISE, PanelGrid, panel_title
 
 # A model's comparison with a recording, with label and colour: one column of panels.
@@ -108,7 +108,8 @@ def draw_nonperiodic_residual(axes: Axes, time: Array, means: Array, std: float,
     """Non-periodic residual of a channel in steps, with the band of ± 2 std."""
     axes.axhspan(-2 * std, 2 * std, color=NOISE, lw=0, zorder=0)
     axes.axhline(0, color=MUTED, lw=0.5, zorder=0.2)
-    axes.plot(time, means, color=colour, lw=1.2, drawstyle="steps-mid")
+    x, y = decimated(Line(x=time, y=means, colour=colour), LINE_COLUMNS, log=False)
+    axes.plot(x, y, color=colour, lw=1.2, drawstyle="steps-mid")
     axes.margins(x=0.01)
 
 
@@ -304,11 +305,11 @@ MIN_SIGNAL_TO_NOISE = 2.0
 """Error-to-noise ratio above which a channel is chosen by it."""
 
 
-def worst_channel_figure(sides: Sequence[LabelledComparison]) -> Figure:
-    """Residual of the worst channel, a column per model, in one scale."""
+def worst_channel_figure(sides: Sequence[LabelledComparison], worst: tuple[bool, int]) -> Figure:
+    """Residual of the `worst_channel`, a column per model, in one scale."""
     grid = PanelGrid(rows=1, columns=len(sides), panel_height=WORST_CHANNEL_HEIGHT)
     figure, panels = grid.panels(sharex=True, sharey=True)
-    nonperiodic, channel = worst_channel(sides[0])
+    nonperiodic, channel = worst
     for axes, side in zip(panels[0], sides, strict=True):
         panel_title(axes, side.label, side.colour)
         if nonperiodic:

@@ -65,12 +65,12 @@ def page_templates() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"percentage": format_percentage, "typeset": typeset_text, "formula": _formula}
+    environment.filters |= {"percentage": format_percentage, "typeset": typeset_text, "formula": typeset}
     environment.globals |= {"legend": LEGEND, "sketch_style": Markup(SKETCH_STYLE)}
     return environment
 
 
-def _formula(text: str) -> Markup:
+def typeset(text: str) -> Markup:
     """A formula of the catalogue or of a user, typeset."""
     return Markup(formula_mathml(text))  # escaped there
 

@@ -83,14 +83,13 @@ class ReportTexts:
         """The values in the templates of this name."""
         return cls(html_page(f"{template}.html", values), markdown_page(f"{template}.md", values))
 
+    def write(self, folder: str | Path) -> list[Path]:
+        """Write both files into a folder, or none; return their paths.
 
-def write_report_files(texts: ReportTexts, folder: str | Path) -> list[Path]:
-    """Write both files into a folder, or none; return their paths.
-
-    Raises InputError when they cannot be written.
-    """
-    paths = [make_folder(Path(folder)) / name for name in REPORT_FILES]
-    with ExitStack() as files:
-        for path, text in zip(paths, (texts.html, texts.markdown), strict=True):
-            files.enter_context(atomic_write(path)).write_text(text, encoding="utf-8")
-    return paths
+        Raises InputError when they cannot be written.
+        """
+        paths = [make_folder(Path(folder)) / name for name in REPORT_FILES]
+        with ExitStack() as files:
+            for path, text in zip(paths, (self.html, self.markdown), strict=True):
+                files.enter_context(atomic_write(path)).write_text(text, encoding="utf-8")
+        return paths

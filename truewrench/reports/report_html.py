@@ -78,25 +78,27 @@ CONVENTION_SENTENCES = {
 
 def verdict_section(diagnosis: Diagnosis, rows: Sequence[EffectRow]) -> dict[str, Any]:
     """What the head of the report shows, with the channel of the largest error-to-noise ratio of the rigid tool."""
-    sides = compared_models(diagnosis, worst_recording(diagnosis))
+    number = worst_recording(diagnosis)
+    sides = compared_models(diagnosis, number)
+    worst = worst_channel(sides[0])
     alt = "Residual of the worst channel, with the rigid tool and with the final model."
-    picture = SvgImage(lambda: worst_channel_figure(sides), alt, _figure_caption(sides[0]))
+    picture = SvgImage(lambda: worst_channel_figure(sides, worst), alt, _figure_caption(sides[0], worst))
     return {
         "kind": diagnosis.verdict.value,
         "label": RECORD_VERDICT_LABELS[diagnosis.verdict],
         "symbol": VERDICT_SYMBOLS[diagnosis.verdict],
         "headline": verdict_headline(diagnosis),
         "effects": [r for r in rows if r.finding.verdict is EffectVerdict.SUPPORTED],
-        "sentences": _sentences(diagnosis),
+        "sentences": _sentences(diagnosis, number, worst[1]),
         "notes": _notes(diagnosis),
         "warning": weaker_verdict_warning(diagnosis),
         "picture": picture,
     }
 
 
-def _figure_caption(side: LabelledComparison) -> str:
+def _figure_caption(side: LabelledComparison, worst: tuple[bool, int]) -> str:
     """Caption of the figure of the worst channel."""
-    nonperiodic, channel = worst_channel(side)
+    nonperiodic, channel = worst
     recording = side.recording
     name = f"{recording.name}, {recording.channels[channel]}"
     if nonperiodic:
@@ -108,9 +110,8 @@ def _figure_caption(side: LabelledComparison) -> str:
     return f"Residual of {name}, {mean}. Grey: ± noise of one sample; darker: ± noise of the mean."
 
 
-def _sentences(diagnosis: Diagnosis) -> list[str]:
-    number = worst_recording(diagnosis)
-    _, channel = worst_channel(compared_models(diagnosis, number)[0])
+def _sentences(diagnosis: Diagnosis, number: int, channel: int) -> list[str]:
+    """What was decided and found; the error is that of a channel of the recording with this number."""
     reductions = [_error_reduction_sentence([s.training[number] for s in diagnosis.steps], channel, "")]
     if diagnosis.steps[0].validation:
         held_out = [s.validation[0] for s in diagnosis.steps]

@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING
 
 from diagnosis.comparison.model_comparison import ModelComparison
 from diagnosis.diagnosis import Diagnosis
+from diagnosis.discovery.discovery import Discovery
 from diagnosis.study import Study
 from estimation.fit import Fit
 from modeling.errors import InputError, kind_of
+from truewrench.reports.discovery_report import discovery_report
 from truewrench.reports.fit_report import comparison_report, fit_report, study_report
-from truewrench.reports.report_files import Provenance, write_report_files
+from truewrench.reports.report_files import Provenance
 from truewrench.reports.report_html import diagnosis_report
 from truewrench.text.fit_summary import FitSummary
 
@@ -19,13 +21,13 @@ if TYPE_CHECKING:
     from truewrench.reports.report_files import ReportTexts
 
 
-def report(result: Fit | Study | Diagnosis | ModelComparison, folder: str | Path) -> list[Path]:
+def report(result: Fit | Study | Diagnosis | ModelComparison | Discovery, folder: str | Path) -> list[Path]:
     """Write the report of a result: a page without network, zoomable, and the same as Markdown.
 
     Parameters
     ----------
-    result : Fit, Study, Diagnosis or ModelComparison
-        What `fit`, `study`, `diagnose` or `compare` gave; of a study, its steps, and its
+    result : Fit, Study, Diagnosis, ModelComparison or Discovery
+        What `fit`, `study`, `diagnose`, `compare` or `discover` gave; of a study, its steps, and its
         current model with the held-out recordings.
     folder : str or Path
         Where `report.html` and `report.md` go; it is made if there is none.
@@ -48,7 +50,7 @@ def report(result: Fit | Study | Diagnosis | ModelComparison, folder: str | Path
     >>> [path.name for path in tw.report(fit, "fit_report")]
     ['report.html', 'report.md']
     """
-    return write_report_files(_texts(result), folder)
+    return _texts(result).write(folder)
 
 
 def _texts(result: object) -> ReportTexts:
@@ -58,9 +60,11 @@ def _texts(result: object) -> ReportTexts:
             return diagnosis_report(result, provenance)
         case ModelComparison():
             return comparison_report(result, provenance)
+        case Discovery():
+            return discovery_report(result, provenance)
         case Study():
             return study_report(result, provenance)
         case Fit():
             return fit_report(FitSummary(result, result.intervals()), provenance)
-    remedy = "give what fit, study, diagnose, or compare of several models gave"
+    remedy = "give what fit, study, diagnose, discover, or compare of several models gave"
     raise InputError(what=f"{kind_of(result)} has no report", where="report", remedy=remedy)

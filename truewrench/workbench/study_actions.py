@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from diagnosis.diagnosis import Diagnosis
+from diagnosis.discovery.discovery import Discovery
 from diagnosis.screening.suspects import Suspects
 from diagnosis.study import Study, StudyStep, study_case
 from estimation.case import Case
@@ -20,6 +21,7 @@ from truewrench.files.case_files import frame_sentences
 from truewrench.files.model_file import ModelFile
 from truewrench.plots.chart import Chart
 from truewrench.plots.result_figure import result_chart
+from truewrench.reports.discovery_report import discovery_report
 from truewrench.reports.fit_report import fit_report
 from truewrench.reports.report_files import InputFile, Provenance, ReportTexts
 from truewrench.reports.report_html import diagnosis_report
@@ -33,6 +35,7 @@ from truewrench.workbench.study_words import (
     StepLine,
     comparison_words,
     contact_words,
+    discovery_words,
     reading_words,
     separation_words,
     steps_words,
@@ -74,8 +77,9 @@ def download_of(
     files: Sequence[str],
     separation: Separation | None,
     sensor_pose: str = "",
+    discovery: Discovery | None = None,
 ) -> Download:
-    """The file asked for: report, model, trajectory, or what `emit` writes.
+    """The file asked for: report, model, trajectory, equation, or what `emit` writes.
 
     `sensor_pose` is that of the sensor in the flange, for a payload: x, y, z in m, roll, pitch, yaw in rad; or empty.
 
@@ -88,6 +92,10 @@ def download_of(
         ),
         "model": lambda: Download("model.json", "application/json", ModelFile.of(step.fit).to_text().encode()),
         "trajectory": lambda: _trajectory(separation),
+        "effects": lambda: Download("effect.toml", "application/toml", _found(discovery).effects_toml.encode()),
+        "equation": lambda: Download(
+            "equation.html", "text/html", discovery_report(_found(discovery), _provenance(files)).html.encode()
+        ),
         "rig_template": lambda: Download("rig.toml", "application/toml", rig_template(step.fit.model.space).encode()),
     }
     if asked in makers:
@@ -118,12 +126,24 @@ def _pose(text: str) -> list[float] | None:
 
 def _report(step: StudyStep, case: Case | None, diagnosis: Diagnosis | None, files: Sequence[str]) -> ReportTexts:
     """Of the diagnosis where there is one of this model, else of the fit."""
-    inputs = tuple(replace(InputFile.of(file), path=Path(file).name) for file in files)
-    provenance = replace(Provenance.now("truewrench workbench"), inputs=inputs)
+    provenance = _provenance(files)
     if diagnosis is not None:
         return diagnosis_report(diagnosis, provenance)
     summary = FitSummary(step.fit, step.fit.intervals(), validation=step.validation)
     return fit_report(summary, provenance, [] if case is None else frame_sentences(case))
+
+
+def _provenance(files: Sequence[str]) -> Provenance:
+    inputs = tuple(replace(InputFile.of(file), path=Path(file).name) for file in files)
+    return replace(Provenance.now("truewrench workbench"), inputs=inputs)
+
+
+def _found(discovery: Discovery | None) -> Discovery:
+    """What was looked for and found, or not; InputError before that."""
+    if discovery is None:
+        remedy = "look for an equation first"
+        raise InputError(what="no equation of the current model was looked for", where="equation", remedy=remedy)
+    return discovery
 
 
 def _trajectory(separation: Separation | None) -> Download:
@@ -154,6 +174,7 @@ class StudyActions:
         self._form = ReadingForm()
         self._suspects: dict[int, Suspects] = {}
         self._diagnosis: Diagnosis | None = None
+        self._discovery: Discovery | None = None
         self._view = View()
         self._files: tuple[Sequence[str], Sequence[str], str | None] | None = None
         self._separation: Separation | None = None
@@ -300,9 +321,25 @@ class StudyActions:
             self._diagnosis = replace(self._diagnosis, gravity=self._case.gravity)
         return self._changed("diagnosed", {"verdict": verdict_words(self._diagnosis)}, keep_verdict=True)
 
+    def discover(self, _request: Mapping[str, Any]) -> PageUpdate:
+        """Look for an equation of what the current model leaves, tested on the recordings held out."""
+        self._discovery = self.study.discover()
+        said = "" if self._diagnosis is None else verdict_words(self._diagnosis, looked=True)
+        return PageUpdate({"verdict": said + discovery_words(self._discovery)})
+
+    def adopt(self, _request: Mapping[str, Any]) -> PageUpdate:
+        """Add the terms that were found, as custom effects."""
+        effects = [equation.effect for equation in _found(self._discovery).equations]
+        if not effects:
+            raise InputError(what="no equation was found", where="equation", remedy="add an effect, or write one")
+        for effect in effects:
+            self.study.add(effect)
+        return self._changed(f"added {', '.join(effect.id for effect in effects)}")
+
     def _changed(self, done: str, words: Mapping[str, str] | None = None, *, keep_verdict: bool = False) -> PageUpdate:
         """The page after a step of the study; the suspects follow, if they are not known already."""
         self._line = self._line.then(done, self.study)
+        self._discovery = None
         stale = {"answer": ""} if keep_verdict else {"verdict": "", "answer": ""}
         if not keep_verdict:
             self._diagnosis = None
@@ -351,11 +388,11 @@ class StudyActions:
         """A file to save."""
         step: StudyStep = self.study.steps[-1]
         asked, pose = str(request.get("file")), str(request.get("sensor_pose") or "")
-        if asked.startswith("report"):
+        if asked.startswith(("report", "equation")):
             self._progress("write the report")
         training, validation, rig = self._opened()
         files = [*training, *validation, *([] if rig is None else [rig])]
-        download = download_of(asked, step, self._case, self._diagnosis, files, self._separation, pose)
+        download = download_of(asked, step, self._case, self._diagnosis, files, self._separation, pose, self._discovery)
         return PageUpdate(download=download)
 
 
@@ -369,7 +406,7 @@ ACTIONS: Mapping[str, Callable[[StudyActions, Mapping[str, Any]], PageUpdate]] =
     name: getattr(StudyActions, name)
     for name in (
         "open", "read", "puzzle", "reveal", "view", "cell", "suspects", "add", "custom", "check", "drop", "undo",
-        "redo", "diagnose", "compare", "contact", "separate", "download",
+        "redo", "diagnose", "discover", "adopt", "compare", "contact", "separate", "download",
     )
 }  # fmt: skip
 """What the page can ask for."""

@@ -31,7 +31,9 @@ from modeling.space import Space
 from modeling.table import Table
 from truewrench.effect_description import SKETCH_STYLE, effect_sketch
 from truewrench.files.case_files import frame_sentences
+from truewrench.reports.discovery_report import EquationSection
 from truewrench.reports.effect_row import effect_row
+from truewrench.reports.page_templates import typeset
 from truewrench.text.diagnosis_text import (
     RECORD_VERDICT_LABELS,
     TOTAL_RMS_NOTE,
@@ -50,6 +52,7 @@ from truewrench.workbench.separation import rig_template, undesignable
 if TYPE_CHECKING:
     from diagnosis.comparison.model_comparison import ModelComparison
     from diagnosis.diagnosis import Diagnosis
+    from diagnosis.discovery.discovery import Discovery
     from estimation.contact.contact_wrench import ContactWrench
     from truewrench.workbench.separation import Separation
     from truewrench.workbench.view import View
@@ -221,6 +224,7 @@ def templates() -> Environment:
         lstrip_blocks=True,
     )
     environment.filters |= {"p_value": format_p_value, "percentage": format_percentage, "number": format_number}
+    environment.filters["formula"] = typeset
     return environment
 
 
@@ -334,8 +338,12 @@ def _pair_to_separate(study: Study, tested: Sequence[str], diagnosis: Diagnosis 
     return close[-1] if close else (*study.effects[-1:], *tested)[:2]
 
 
-def verdict_words(diagnosis: Diagnosis) -> str:
-    """The verdict of a diagnosis, each effect with size and what it is confusable with."""
+def verdict_words(diagnosis: Diagnosis, *, looked: bool = False) -> str:
+    """The verdict of a diagnosis, each effect with size and what it is confusable with.
+
+    Where something is left of recordings that are read as they should be, an equation of it can be looked for, unless
+    that was done (`looked`).
+    """
     rows = [effect_row(f, diagnosis.model.space, diagnosis.findings) for f in diagnosis.findings]
     leading = (EffectVerdict.SUPPORTED, EffectVerdict.CONFUSABLE)
     return part(
@@ -347,7 +355,17 @@ def verdict_words(diagnosis: Diagnosis) -> str:
         notes=[with_field_names(n) for n in (*disturbance_sentences(diagnosis), *evidence_notes(diagnosis))],
         alternatives=given_sentences(diagnosis),
         warning=weaker_verdict_warning(diagnosis),
+        left=diagnosis.unexplained is not None
+        and all(doubted.adopted for doubted in diagnosis.readings)
+        and not looked,
+        held_out=bool(diagnosis.steps[0].validation),
     )
+
+
+def discovery_words(discovery: Discovery) -> str:
+    """The equation that was found, with what cannot be told from it; or that there is none."""
+    equations = [EquationSection.of(each, discovery.held_out) for each in discovery.equations]
+    return part("discovery.html", equations=equations, remarks=discovery.remarks(), ids=[e.id for e in equations])
 
 
 # -------------------------------------------------------------------------------------------- the views

@@ -22,10 +22,24 @@ from modeling.table import Table
 from tests.shared.recordings import drag_and_leak
 from tests.shared.results import RESULTS, fitted
 from truewrench.plots.bokeh_chart import DARK, SYMBOLS, bokeh_chart, figures_of, legend_html, log_ticks
-from truewrench.plots.chart import Array, Chart, Level, Line, Panel, Points, decimated, in_rows, legend_labels
+from truewrench.plots.chart import (
+    Array,
+    Band,
+    Chart,
+    Level,
+    Line,
+    Panel,
+    Points,
+    decimated,
+    in_rows,
+    legend_labels,
+    thinned,
+)
+from truewrench.plots.interactive_figure import InteractiveFigure
 from truewrench.plots.matplotlib_chart import draw_on, matplotlib_figure, typeset
 from truewrench.plots.result_figure import FIGURES, PAGES, _sides, result_chart
-from truewrench.plots.time_series_plot import nonperiodic_residual_figure, worst_channel_figure
+from truewrench.plots.svg_image import Drawing
+from truewrench.plots.time_series_plot import nonperiodic_residual_figure, worst_channel, worst_channel_figure
 
 pytest.importorskip("mujoco")
 
@@ -113,7 +127,7 @@ def test_nothing_is_cut_off_nor_written_over(name: str) -> None:
 def test_figures_of_reports_alone() -> None:
     """Those that are no chart, with models whose names are long."""
     sides = [replace(side, label=LONG_NAME) for side in _sides(RESULTS["study"]())]
-    is_whole(worst_channel_figure(sides))
+    is_whole(worst_channel_figure(sides, worst_channel(sides[0])))
     is_whole(nonperiodic_residual_figure(sides))
 
 
@@ -284,6 +298,39 @@ def test_a_long_line_keeps_its_peaks() -> None:
         assert len(found) <= 2 * columns + 2
         assert {99.0, -99.0} <= set(found)
         assert (np.diff(across) > 0).all()
+
+
+def test_many_points_keep_the_lowest_and_the_highest() -> None:
+    rng = np.random.default_rng(0)
+    x, y = rng.permutation(np.arange(1.0, 1e5 + 1)), rng.normal(size=100_000)
+    y[[12_345, 76_543]] = 99.0, -99.0
+    points = Points(x=x, y=y, low=y - 1, high=y + 1, colour="#000000")
+    for log in (False, True):
+        kept = thinned(points, 500, log=log)
+        assert len(kept.x) <= 2 * 501
+        assert {99.0, -99.0} <= set(kept.y)
+        assert set(zip(kept.x, kept.y, strict=True)) <= set(zip(x, y, strict=True))
+        assert kept.low is not None
+        np.testing.assert_array_equal(kept.low, kept.y - 1)
+    assert thinned(replace(points, x=np.ones(100_000)), 500, log=True).y.tolist() == [99.0, -99.0]
+    assert thinned(replace(points, notes=("named",)), 500, log=False).x is points.x
+
+
+@pytest.mark.parametrize("log", [False, True])
+def test_a_picture_does_not_grow_with_what_it_shows(*, log: bool) -> None:
+    """Of noise, at ten times the rows; more of them fill more of the first columns of a logarithmic axis."""
+    sizes = []
+    for count in (20_000, 200_000):
+        x, y = np.arange(1.0, count + 1), np.random.default_rng(0).uniform(1, 2, count)
+        marks = (
+            Band(x=x, low=y - 1, high=y + 1),
+            Line(x=x, y=y, colour="#000000"),
+            Points(x=x, y=y, low=y - 0.5, high=y, colour="#000000"),
+        )
+        panel = Panel(marks=marks, x_log=log, x_limits=(1.0, float(count)), y_limits=(0.0, 3.0))
+        chart = Chart(rows=((panel,),))
+        sizes.append((len(Drawing.of(matplotlib_figure(chart)).source), len(InteractiveFigure(chart, 500).json)))
+    np.testing.assert_allclose(sizes[1], sizes[0], rtol=0.2)
 
 
 def test_axes_of_the_user() -> None:

@@ -7,11 +7,13 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 
 from tests.truewrench.workbench.browser import browser, idle, ready, workbench
 from tests.truewrench.workbench.requests import answer
 from truewrench.files import demonstration
+from truewrench.simulated_rig import PlanarRig, simulate, write_recording
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
@@ -214,6 +216,33 @@ def test_files_and_hostile_requests(opened: Browser, recordings: Path, tmp_path:
         assert suspects(page)[0] == "viscous_drag"
         _the_contact_is_found(page, recordings)
         _a_study_is_not_replaced_unasked(page)
+
+
+@pytest.mark.long
+def test_what_has_no_name_is_looked_for_and_added(opened: Browser, tmp_path: Path) -> None:
+    rig = PlanarRig()
+    (tmp_path / "rig.toml").write_text(demonstration.rig_text(rig), encoding="utf-8")
+    for seed, name in enumerate(("train.csv", "validate.csv"), 1):
+        frame = simulate(rig, rig.random_motion(seed=seed), repeats=4, samples_per_period=200, seed=seed)
+        frame["fx"] += 0.5 * np.sin(11 * frame["q3"])
+        write_recording(frame.drop(columns="temperature"), tmp_path / name)
+    with workbench(*given(tmp_path)) as address:
+        page = ready(opened, address)
+        suspects(page)
+        press(page, "Diagnose from here")
+        page.wait_for_selector(".verdict")
+        press(page, "Look for an equation")
+        page.wait_for_selector("#discovery math")
+        assert in_sight(page, "discovery .headline")
+        assert "on validate.csv, where its constants were not fitted" in text(page, "discovery")
+        assert page.locator("button:text-is('Look for an equation')").count() == 0
+        with page.expect_download() as saved:
+            press(page, "Effects file (TOML)")
+        assert Path(saved.value.path()).read_text(encoding="utf-8").startswith("[[effect]]")
+        press(page, "Add found_1 to the model")
+        page.wait_for_selector('button[aria-label="drop found_1"]')
+        assert "The model fits" in text(page, "steps")
+        assert not text(page, "verdict")
 
 
 def _open(page: Page, file: Path, rig: Path | None = None) -> str:

@@ -99,7 +99,7 @@ def test_a_custom_effect_is_added(actions: StudyActions) -> None:
         {"do": "view", "recording": 7}, {"do": "view", "channel": 99}, {"do": "add", "effect": "<script>"},
         {"do": "drop", "effect": "../x"}, {"do": "undo"}, {"do": "download", "file": "/etc/passwd"},
         {"do": "download", "file": "trajectory"}, {"do": "compare", "first": 0, "second": 5},
-        {"do": "reveal"},
+        {"do": "reveal"}, {"do": "discover"}, {"do": "adopt"}, {"do": "download", "file": "effects"},
         {"do": "open", "recordings": []}, {"do": "open", "recordings": ["x"], "period": "no"},
         {"do": "puzzle", "effect": "os.system"}, {"do": "cell", "panel": 77, "x": 0},
         {"do": "separate", "first": "viscous_drag", "second": "viscous_drag"},

@@ -61,7 +61,11 @@
       if (id === "view" && where.querySelector('[data-shown="trajectory"]')) place("trajectory").hidden = false;
       if (id === "reading") place("trajectory").hidden = true;
     }
-    if (answer.words?.verdict) { place("verdict").scrollIntoView({ block: "start" }); pressed = {}; }
+    if (answer.words?.verdict) {
+      (place("discovery") || place("verdict")).scrollIntoView({ block: "start" });
+      place("discovery")?.querySelector("button").focus({ preventScroll: true });
+      pressed = {};
+    }
     if (answer.words && "steps" in answer.words) {
       if (pressed.do === "custom") place("steps").scrollIntoView({ block: "nearest" });
       refocus();
