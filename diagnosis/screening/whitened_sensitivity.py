@@ -278,7 +278,7 @@ def score_columns(
         if not named:
             return derivatives
     ranges = row_ranges(choice, fit.noise)
-    columns = np.zeros((sum(last - first for first, last in ranges), len(grid), len(amplitudes)))
+    columns = np.zeros((sum(last - first for first, last in ranges), len(grid), len(amplitudes)), order="F")
     if derivatives is not None:
         columns[:, :, differentiated] = derivatives
     unknowns, start = parameter_layout(model, fit.recordings), 0
