@@ -80,14 +80,16 @@ def model_response(
     *,
     derivative: bool = True,
     tolerance: float = DEFLECTION_TOLERANCE,
+    block: int = 1,
 ) -> ModelResponse:
     """Prediction of a recording at the parameters theta (k,), in the model's order and units.
 
     With `derivative` False its arrays are (n, p, 0). `tolerance` is the relative size of the last correction of a
-    deflection, which is solved by iteration. Raises InputError when the recording lacks a signal that the model needs.
+    deflection, which is solved by iteration. Where `averaged_block` allows it, its series are means over blocks of
+    samples. Raises InputError when the recording lacks a signal that the model needs.
     """
     record = motion_record(model, recording.motion, theta, derivative=derivative, measured=first_readings(recording))
-    mean = _response(model, record, tolerance)
+    mean = _response(model, replace(record, block=averaged_block(model, recording, block)), tolerance)
     own_motion = recording.own_motion
     if own_motion is None:
         return mean
@@ -107,6 +109,11 @@ def motion_response(
     return _response(model, motion_record(model, motion, theta, derivative=derivative, steady=steady), tolerance)
 
 
+def averaged_block(model: WrenchModel, recording: Recording, block: int) -> int:
+    """The block of samples over which a response may be averaged as it is evaluated: 1 unless it is instantaneous."""
+    return block if recording.repeats == 1 and compiled_prediction(model).instantaneous else 1
+
+
 def first_readings(recording: Recording) -> Array | None:
     """The readings (n, p) of a record in motion without pauses, None of any other."""
     paused = recording.repeats > 1 and not recording.continuous
@@ -120,7 +127,7 @@ def _response(model: WrenchModel, record: MotionRecord, tolerance: float) -> Mod
     parts = record.evaluated("load") if deflection is None else [deflection.response(record, tolerance)]
     for stage in compiled_prediction(model).stages:
         parts = stage.response(parts, record)
-    once = record.samples_per_repeat
+    once = record.samples_per_repeat // record.block
     zero = (np.zeros((once, len(model.channels))), np.zeros((once, len(model.channels), k)))
     nonperiodic = [summand for summand in parts if not summand.periodic]
     columns = _columns_of(nonperiodic, k)
@@ -177,18 +184,15 @@ def _sum(parts: Sequence[ResponsePart], columns: tuple[int, ...]) -> tuple[Array
         return None
     joined = np.empty((*parts[0].value.shape, 1 + len(columns)), order="F")
     value, derivative = joined[:, :, 0], joined[:, :, 1:]
-    first, others = parts[0], parts[1:]
-    if first.columns is None or first.columns == columns:
-        value[:], derivative[:] = first.value, first.derivative
-    else:
-        joined[:], others = 0.0, parts
-    for summand in others:
+    value[:] = parts[0].value
+    for summand in parts[1:]:
         value += summand.value
-        if summand.columns is None or summand.columns == columns:
-            derivative += summand.derivative
-        else:
-            for place, i in enumerate(summand.columns):
-                derivative[:, :, columns.index(i)] += summand.derivative[:, :, place]
+    for place, column in enumerate(columns):
+        given = [(s, range(s.derivative.shape[2]) if s.columns is None else s.columns) for s in parts]
+        slopes = [s.derivative[:, :, of.index(column)] for s, of in given if column in of]
+        derivative[:, :, place] = slopes[0] if slopes else 0.0
+        for more in slopes[1:]:
+            derivative[:, :, place] += more
     return value, derivative
 
 

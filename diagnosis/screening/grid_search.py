@@ -29,7 +29,7 @@ from estimation.noise.tones import NonperiodicResidual
 from estimation.noise.whitening import FourierLineWhitener
 from estimation.parameter_layout import parameter_layout
 from estimation.recordings.recording import Recording
-from modeling.chain.effect import Effect, NuisanceValues, SearchDomain
+from modeling.chain.effect import Effect, GridSuperposition, NuisanceValues, SearchDomain
 from modeling.chain.model import WrenchModel
 from modeling.chain.prediction import compiled_prediction
 from modeling.parameter import Role
@@ -185,6 +185,8 @@ def projected_columns(
     """
     points = grid_points(model, effect, grid)
     combination = effect.combination(grid)
+    if 2 * len(combination.blocks) > len(grid):  # the inner products of all blocks cost more than is saved
+        combination = GridSuperposition.plain(grid)
     is_plain = combination.blocks == tuple(grid)
     blocks = points if is_plain else grid_points(model, effect, combination.blocks)
     fit = null_model.fit
@@ -202,6 +204,7 @@ def projected_columns(
             choice,
             blocks=len(blocks),
             at_once=max(1, int(MAX_BYTES / 4 / block_bytes)),
+            drawn=cache is not None,
         )
         return ProjectedColumns(null_model, batched, combination, -np.inf if cache is None else points[0].lowest())
     if cache is None:

@@ -146,10 +146,10 @@ class WhitenedColumns:
         """Memory of the columns; that of quantities computed from them is small in comparison."""
         return self.columns.nbytes
 
-    @cached_property
+    @property
     def flat(self) -> Array:
-        """The columns as a matrix, (r, b a)."""
-        return self.columns.reshape(len(self.columns), -1)
+        """The columns as a matrix, (r, a b): a view of columns in Fortran order."""
+        return self.columns.reshape(len(self.columns), -1, order="F")
 
     @cached_property
     def block_gram(self) -> Array:
@@ -163,7 +163,7 @@ class WhitenedColumns:
     def gram(self) -> Array:
         """Inner products of all columns, (b, a, b, a)."""
         _, b, a = self.columns.shape
-        return np.asarray(self.flat.T @ self.flat).reshape(b, a, b, a)
+        return np.asarray(self.flat.T @ self.flat).reshape(a, b, a, b).transpose(1, 0, 3, 2)
 
     def of_blocks(self, index: NDArray[np.intp]) -> Array:
         """The columns (r, s, a) of some blocks."""
@@ -179,14 +179,14 @@ class WhitenedColumns:
 
     def _inner_products(self, rows: Array) -> Array:
         _, b, a = self.columns.shape
-        return np.asarray(self.flat.T @ rows).reshape(b, a, rows.shape[1])
+        return np.asarray(self.flat.T @ rows).reshape(a, b, -1).swapaxes(0, 1)
 
     def noise_inner_products(self, draws: SingleArray) -> Array:
         """Inner products (b, a, NOISE_DRAWS) with noise draws (r, NOISE_DRAWS), the same in every call."""
         if self._noise_products is None:
             _, b, a = self.columns.shape
             products = self.flat.astype(draws.dtype).T @ draws
-            self._noise_products = products.astype(np.float64).reshape(b, a, -1)
+            self._noise_products = products.astype(np.float64).reshape(a, b, -1).swapaxes(0, 1)
         return self._noise_products
 
 
@@ -197,6 +197,7 @@ class BatchedColumns:
     null_model  the residual, basis and noise draws that they are taken with
     evaluated   the columns (r, s, a) of some blocks, by their numbers
     at_once     blocks of a batch, of `blocks`
+    drawn       whether products with the noise draws are wanted
     """
 
     null_model: NullModel
@@ -204,6 +205,7 @@ class BatchedColumns:
     choice: RowChoice
     blocks: int
     at_once: int
+    drawn: bool = True
 
     @cached_property
     def _products(self) -> list[Array]:
@@ -213,8 +215,10 @@ class BatchedColumns:
 
     def _of_batch(self, numbers: NDArray[np.intp]) -> tuple[Array, ...]:
         batch, null_model = WhitenedColumns(self.evaluated(numbers), self.choice), self.null_model
-        with_noise = batch.noise_inner_products(null_model.draws[null_model.index(self.choice)])
-        return batch.block_gram, batch.along_residual(null_model), batch.along_basis(null_model), with_noise
+        products = batch.block_gram, batch.along_residual(null_model), batch.along_basis(null_model)
+        if not self.drawn:
+            return products
+        return *products, batch.noise_inner_products(null_model.draws[null_model.index(self.choice)])
 
     @property
     def block_gram(self) -> Array:

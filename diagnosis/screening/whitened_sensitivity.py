@@ -13,6 +13,7 @@ from diagnosis.screening.null_model import RowChoice, RowSet, row_ranges
 from estimation.fit import Fit
 from estimation.model_response import (
     ModelResponse,
+    averaged_block,
     first_readings,
     model_response,
     motion_record,
@@ -77,6 +78,7 @@ def _recording_sensitivities(
             point[place[name]] = value
     which = tuple(place[name] for name in amplitudes)
     samples = recording.samples_per_repeat if rows is RowSet.EXCITED else recording.samples
+    samples //= averaged_block(model, recording, whitener.block)
     numbers = samples * len(recording.channels) * len(which)
     if numbers * len(theta) <= MAX_ELEMENTS:
         return _whitened_derivatives(model, recording, whitener, theta, which, rows)
@@ -101,10 +103,11 @@ def _whitened_derivatives(
     ):
         columns = np.zeros((last - first, len(theta), len(which)))
         for place, row in enumerate(theta):
-            reached = whitener.nonzero_rows(model_response(model, recording, row))[first:, 1:]
+            reached = whitener.nonzero_rows(model_response(model, recording, row, block=whitener.block))[first:, 1:]
             columns[: len(reached), place] = reached[: last - first, list(which)]
         return columns
-    summands = [summand.whitened(rows, whitener) for summand in sensitivity_series(model, recording, theta, which)]
+    each = sensitivity_series(model, recording, theta, which, averaged_block(model, recording, whitener.block))
+    summands = [summand.whitened(rows, whitener) for summand in each]
     for summand in summands[1:]:
         summands[0] += summand
     return summands[0] if summands else np.zeros((last - first, len(theta), len(which)))
@@ -143,11 +146,12 @@ def _whitener_with_transfer(record: MotionRecord, whitener: Whitener) -> Whitene
 
 
 def sensitivity_series(
-    model: WrenchModel, recording: Recording, theta: Array, which: tuple[int, ...]
+    model: WrenchModel, recording: Recording, theta: Array, which: tuple[int, ...], block: int = 1
 ) -> Iterator[ReadingSummand]:
     """Summands of the reading's derivatives in some parameters, at g parameter vectors theta (g, k).
 
-    For models without deflection, in parameters that are not of the transfer function.
+    For models without deflection, in parameters that are not of the transfer function. Means over blocks of samples,
+    of models that allow it.
     """
     prediction = compiled_prediction(model)
     record = motion_record(model, recording.motion, theta[0], measured=first_readings(recording))
@@ -161,7 +165,7 @@ def sensitivity_series(
         periodic = signals_are_periodic(around, recording.motion)
         samples = recording.samples_per_repeat if periodic else recording.samples
         values = {n: theta[:, emitted.names.index(n)] for n in sensitivity.parameters}
-        slopes = sensitivity.values(recording.motion.model_signals, values, samples)
+        slopes = sensitivity.values(recording.motion.model_signals, values, samples, block)
         if slopes.shape[2] != len(theta):  # equal for all parameter vectors
             slopes = np.repeat(slopes, len(theta), axis=2)
         if passed and prediction.play is not None:
@@ -278,7 +282,7 @@ def score_columns(
         if not named:
             return derivatives
     ranges = row_ranges(choice, fit.noise)
-    columns = np.zeros((sum(last - first for first, last in ranges), len(grid), len(amplitudes)))
+    columns = np.zeros((sum(last - first for first, last in ranges), len(grid), len(amplitudes)), order="F")
     if derivatives is not None:
         columns[:, :, differentiated] = derivatives
     unknowns, start = parameter_layout(model, fit.recordings), 0

@@ -5,7 +5,7 @@ An alias is the best fit of another effect in the place of an added one to the n
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -58,8 +58,8 @@ def contribution_upper_limit(
     directions = projected.roots[0] / projected.scale[0][:, None]
     columns, (residual, _) = projected.columns(0), null_model.rows_of(choice)
     standardised = directions.T @ columns.T @ residual
-    raw = _unwhitened_columns(null_model, unknowns, number, point, null_model.spread(columns, choice))
-    gram = np.stack([raw[:, c].T @ raw[:, c] for c in range(raw.shape[1])]) / len(raw)
+    each = _unwhitened_columns(null_model, unknowns, number, point, null_model.spread(columns, choice))
+    gram = np.stack([raw.T @ raw / len(raw) for raw in each])
     power = np.einsum("ab,cad,db->cb", directions, gram, directions, optimize=True)
     present = np.linalg.norm(directions, axis=0) > 0
     limit = np.sqrt((power * np.where(present, np.abs(standardised) + LIMIT_STD, 0.0) ** 2).sum(axis=1))
@@ -68,8 +68,8 @@ def contribution_upper_limit(
 
 def _unwhitened_columns(
     null_model: NullModel, unknowns: ParameterLayout, number: int, point: GridPoint, columns: Array
-) -> Array:
-    """The effect's derivatives (n, p, a) in the channels' units, less their part collinear with other parameters.
+) -> Iterator[Array]:
+    """Of each channel the effect's derivatives (n, a) in its unit, less their part collinear with other parameters.
 
     Over one repeat where all of them are periodic, else over the whole record.
     """
@@ -77,16 +77,17 @@ def _unwhitened_columns(
     recording = fitted.recordings[number]
     theta = unknowns.values_of(number, {**fitted.values, **point.nuisances})
     collinear = null_model.directions.amounts(columns[null_model.reached])[fitted.layout.index[number]]
-    every = list(range(len(point.amplitudes)))
-    summands = [(-series @ collinear, every, periodic) for series, periodic in null_model.derivatives[number]]
-    summands += _effect_derivatives(fitted, unknowns, number, point, theta)
+    every = np.eye(len(point.amplitudes))
+    summands = [(series, -collinear, periodic) for series, periodic in null_model.derivatives[number]]
+    of_effect = _effect_derivatives(fitted, unknowns, number, point, theta)
+    summands += [(series, every[places], periodic) for series, places, periodic in of_effect]
     once, channels = summands[0][0].shape[:2]
     repeats = 1 if all(periodic for _, _, periodic in summands) else recording.repeats
-    raw = np.zeros((len(every), channels, repeats, once))
-    for summand, places, periodic in summands:
-        for place, series in zip(places, summand.transpose(2, 1, 0), strict=True):
-            raw[place] += series[:, None] if periodic else series.reshape(channels, repeats, once)
-    return raw.reshape(len(every), channels, -1).transpose(2, 1, 0)
+    for channel in range(channels):
+        raw = np.zeros((repeats, once, len(every)))
+        for series, weights, periodic in summands:
+            raw += (series[:, channel] @ weights).reshape(1 if periodic else repeats, once, -1)
+        yield raw.reshape(-1, len(every))
 
 
 def _effect_derivatives(

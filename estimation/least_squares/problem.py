@@ -148,8 +148,9 @@ class Problem:
         parts = []
         for number, (recording, noise) in enumerate(zip(self.recordings, self.noise, strict=True)):
             model, values = self.layout.models[number], theta[self.layout.index[number]]
-            predicted = noise.whitener.response(model_response(model, recording, values, derivative=False))[0]
-            parts.append(self.measured[number] - predicted)
+            whitener = noise.whitener
+            response = model_response(model, recording, values, derivative=False, block=whitener.block)
+            parts.append(self.measured[number] - whitener.response(response)[0])
         return _joined(parts)
 
     def chi_square(self, theta: Array) -> float:
@@ -162,7 +163,8 @@ class Problem:
         residuals, parts, reached, start = [], [], [], 0
         for number, (recording, noise) in enumerate(zip(self.recordings, self.noise, strict=True)):
             index = self.layout.index[number]
-            response = model_response(self.layout.models[number], recording, theta[index])
+            block = noise.whitener.block
+            response = model_response(self.layout.models[number], recording, theta[index], block=block)
             if self.fixed[index].any():
                 free = np.flatnonzero(~self.fixed[index])
                 response, index = response.in_columns(free), index[free]

@@ -27,10 +27,12 @@ class Whitener(ABC):
     """A linear map from a series (n, p) of readings to real rows of unit variance under the noise.
 
     The first `periodic_rows` rows carry the part that is periodic with the motion; what is not periodic reaches all.
+    A series may be given by its means over blocks of `block` samples.
     """
 
     rows: int
     periodic_rows: int
+    block: int = 1
 
     @abstractmethod
     def series(self, values: Array) -> Array:
@@ -241,9 +243,14 @@ class AutoregressiveWhitener(Whitener):
     left_out: tuple[int, ...] = ()
 
     @property
+    def block(self) -> int:  # type: ignore[override]
+        """Samples of a block."""
+        return self.noise.block
+
+    @property
     def rows(self) -> int:  # type: ignore[override]
         """One row per block and channel after the first `order` blocks."""
-        return (self.samples // self.noise.block - self.noise.order) * len(self.noise.covariance)
+        return (self.samples // self.block - self.noise.order) * len(self.noise.covariance)
 
     @property
     def periodic_rows(self) -> int:  # type: ignore[override]
@@ -251,8 +258,9 @@ class AutoregressiveWhitener(Whitener):
         return self.rows
 
     def series(self, values: Array) -> Array:
-        """Rows of a series over the whole record."""
-        columns = _ColumnBatches.of(block_means(values, self.noise.block), self.rows)
+        """Rows of a series over the whole record, or of its means."""
+        means = block_means(values, self.block) if len(values) == self.samples else values
+        columns = _ColumnBatches.of(means, self.rows)
         for series, selection in columns.parts():
             self._whiten(series, columns.rows[selection].reshape(len(series), -1, series.shape[1]))
         return columns.result

@@ -127,11 +127,14 @@ class TapeEvaluation:
     varying: bool = False
     dtype: type[float] | type[complex] = float
 
-    def run(self, inputs: Sequence[RealOrComplex], theta: Array, outputs: Sequence[RealOrComplex]) -> None:
-        """Write each result to its array (samples, g) of `outputs`.
+    def run(
+        self, inputs: Sequence[RealOrComplex], theta: Array, outputs: Sequence[RealOrComplex], block: int = 1
+    ) -> None:
+        """Write each result to its array (samples // block, g) of `outputs`, as means over blocks of samples.
 
         inputs (samples,) each, theta (g, k); or (k, samples) when `varying`, and then g is 1. Outputs of results that
-        are identically zero are not written.
+        are identically zero are not written. Means are taken while the samples are in the cache: of a long record at
+        a high rate neither the samples nor their sums go through memory.
         """
         if not all(output.size for output in outputs):
             return
@@ -148,7 +151,8 @@ class TapeEvaluation:
                     if schedule.of_several
                     else [(row, False) for row in range(outputs[0].shape[1])]
                 )
-                _blocks(schedule, fixed, changing, [outputs[output] for output in schedule.outputs], order, self.dtype)
+                written = [outputs[output] for output in schedule.outputs]
+                _blocks(schedule, fixed, changing, written, order, self.dtype, block)
 
     def values(self, inputs: Sequence[Array], theta: Array | None = None) -> Array:
         """The results (results, samples) at inputs (samples,) each and one set of parameters theta (k,), if any."""
@@ -218,11 +222,15 @@ def _blocks(
     outputs: list[Any],
     order: Sequence[tuple[int, bool]],
     dtype: type[float] | type[complex],
+    averaged: int,
 ) -> None:
-    """Evaluate the samples block by block, in each the parameter sets in that order."""
-    samples, sets = outputs[0].shape
+    """Evaluate the samples block by block, in each the parameter sets in that order; outputs are means over some."""
+    samples, sets = outputs[0].shape[0] * averaged, outputs[0].shape[1]
     scalars = [[value[row, ...] if value.ndim else value for value in fixed] for row in range(sets)]
-    length = min(max(BLOCK_NUMBERS // max(schedule.rows, 1), SHORTEST_BLOCK), LONGEST_BLOCK, samples)
+    rows = max(schedule.rows + len(outputs) * (averaged > 1), 1)
+    length = min(max(BLOCK_NUMBERS // rows, SHORTEST_BLOCK), LONGEST_BLOCK, samples)
+    length = max(length // averaged, 1) * averaged
+    unaveraged, weights = np.empty((len(outputs), length if averaged > 1 else 0), dtype), np.full(averaged, 1 / averaged)
     work, unset = np.empty((schedule.rows, length), dtype), [None] * len(outputs)
     first_output = len(fixed) + len(changing)
     for start in range(0, samples, length):
@@ -234,8 +242,15 @@ def _blocks(
             values[: len(fixed)] = scalars[row]
             if first_of_group:
                 _execute(schedule.of_several, values)
-            values[first_output : first_output + len(outputs)] = [output[start:stop, row] for output in outputs]
+            places = [output[start // averaged : stop // averaged, row] for output in outputs]
+            values[first_output : first_output + len(outputs)] = (
+                places if averaged == 1 else list(unaveraged[:, : stop - start])
+            )
             _execute(schedule.of_each, values)
+            if averaged > 1:
+                parts = unaveraged[:, : stop - start].reshape(len(outputs), -1, averaged)
+                for place, means in zip(places, parts @ weights, strict=True):
+                    place[:] = means
 
 
 def _execute(steps: Sequence[Instruction], values: list[Any]) -> None:

@@ -155,18 +155,21 @@ class VectorFunction:
         return self.tangent_in(signals, theta, tuple(range(self.count)), samples)
 
     def tangent_in(
-        self, signals: Signals, theta: Array, which: tuple[int, ...], samples: int, *, valued: bool = True
+        self, signals: Signals, theta: Array, which: tuple[int, ...], samples: int, *, valued: bool = True, block: int = 1
     ) -> tuple[Array, Array]:
-        """Value (samples, p), zero unless `valued`, and derivative (samples, p, len(which)) in those parameters."""
+        """Value (samples, p), zero unless `valued`, and derivative (samples, p, len(which)) in those parameters.
+
+        Or (samples // block, ...), means over blocks of samples.
+        """
         theta = np.asarray(theta, dtype=float)
         if theta.shape not in ((self.count,), (samples, self.count)):
             raise ValueError(f"{self.count} parameters were expected, not an array {theta.shape}")
         varying = theta.ndim == 2
         sets = np.ascontiguousarray(theta.T) if varying else theta[None]
-        value = np.zeros((samples, self.rows), order="F")
-        derivative = np.zeros((samples, self.rows, 1, len(which)), order="F")
+        value = np.zeros((samples // block, self.rows), order="F")
+        derivative = np.zeros((samples // block, self.rows, 1, len(which)), order="F")
         outputs = [value[:, row, None] for row in range(self.rows)] if valued else []
-        self._run(signals, sets, which, samples, outputs, derivative, varying=varying)
+        self._run(signals, sets, which, samples, outputs, derivative, varying=varying, block=block)
         return value, derivative[:, :, 0]
 
     def jacobians(self, signals: Signals, theta: Array, which: tuple[int, ...], samples: int) -> Array:
@@ -188,12 +191,13 @@ class VectorFunction:
         derivative: Array,
         *,
         varying: bool,
+        block: int = 1,
     ) -> None:
         """Write the value to the arrays (samples, g) of `value`, if any, and the derivative (samples, p, g, which)."""
         active = [(column, i) for column, i in enumerate(which) if i in self.active]
         outputs = [*value, *(derivative[:, row, :, column] for column, _ in active for row in range(self.rows))]
         evaluation = _evaluation(self, tuple(i for _, i in active), bool(value), varying)
-        evaluation.run(self.columns(signals, samples), theta, outputs)
+        evaluation.run(self.columns(signals, samples), theta, outputs, block)
 
     def depending_on(self, signals: frozenset[str]) -> tuple[int, ...]:
         """The active parameters in which the derivative depends on one of these signals."""
@@ -267,17 +271,17 @@ class Sensitivity:
         steps = tuple((name, named(a), named(b)) for name, a, b in self.tape.operations)
         return steps, tuple(map(named, self.tape.results))
 
-    def values(self, signals: Signals, parameters: Mapping[str, Array], samples: int) -> Array:
-        """(samples, p, g, a) at g values of each parameter (g,)."""
+    def values(self, signals: Signals, parameters: Mapping[str, Array], samples: int, block: int = 1) -> Array:
+        """(samples // block, p, g, a), means over blocks of samples, at g values of each parameter (g,)."""
         count = max((len(parameters[name]) for name in self.parameters), default=1)
         theta = np.zeros((count, self.function.count))
         for name in self.parameters:
             theta[:, self.function.names.index(name)] = parameters[name]
         p, active = self.function.rows, self.function.active
-        sensitivities = np.zeros((samples, p, count, len(self.which)), order="F")
+        sensitivities = np.zeros((samples // block, p, count, len(self.which)), order="F")
         active_columns = [column for column, i in enumerate(self.which) if i in active]
         outputs = [sensitivities[:, row, :, column] for column in active_columns for row in range(p)]
-        self._evaluation.run(self.function.columns(signals, samples), theta, outputs)
+        self._evaluation.run(self.function.columns(signals, samples), theta, outputs, block)
         return sensitivities
 
     @cached_property

@@ -65,6 +65,7 @@ class MotionRecord:
     derivative    whether parameter derivatives are wanted
     measured      readings (n, p) of a record without pauses, whose start tells the state that it finds the sensor in;
                   None without
+    block         samples of a single run whose means are evaluated, if no stage has a memory or an edge
     """
 
     signals: Mapping[str, Array]
@@ -81,6 +82,7 @@ class MotionRecord:
     derivative: bool = True
     steady: bool = True
     measured: Array | None = None
+    block: int = 1
 
     @property
     def clock(self) -> TimeBase:
@@ -116,15 +118,14 @@ class MotionRecord:
         periodic = self.repeating(vector.inputs)
         samples = self.samples(periodic=periodic)
         if not self.derivative:
-            value = vector.value(self.signals, theta, samples)
-            return [ResponsePart(value, np.zeros((samples, vector.rows, 0)), periodic=periodic)]
+            response = vector.tangent_in(self.signals, theta, (), samples, block=self.block)
+            return [ResponsePart(*response, periodic=periodic)]
         if self.summed:
             return [ResponsePart(*vector.tangent(self.signals, theta, samples), periodic=periodic)]
         if periodic:
             columns = tuple(sorted({*vector.active, *self.transfer_parameters}))
-            return [
-                ResponsePart(*vector.tangent_in(self.signals, theta, columns, samples), periodic=True, columns=columns)
-            ]
+            response = vector.tangent_in(self.signals, theta, columns, samples, block=self.block)
+            return [ResponsePart(*response, periodic=True, columns=columns)]
         return self._split(vector)
 
     def _split(self, vector: VectorFunction) -> list[ResponsePart]:
