@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.comparison.model_comparison import ModelComparison, compare_models
-from diagnosis.discovery.grammar import COMPLEXITY, ZERO, terms
+from diagnosis.discovery.grammar import COMPLEXITY, terms
 from diagnosis.discovery.quantities import DISTANCE, PLACE, WIDTH, Leaf, chain_leaves, signal_leaf
 from diagnosis.discovery.search import BEYOND, FoundTerm, ScoredTerm, TermSearch, best_term
 from diagnosis.progress import Progress, count_progress, silent
@@ -62,7 +62,8 @@ class FoundEquation:
     @property
     def kind(self) -> str:
         """The stage that it is added to."""
-        return "zero" if self.found.best.scored.term.kind == ZERO else "tip_body"
+        term = self.found.best.scored.term
+        return term.kind if term.by_channel else "tip_body"
 
     def to_data(self) -> dict[str, Any]:
         """As plain data: the format of `discover --json`."""
@@ -251,7 +252,7 @@ def discover(
     progress("fit")
     first = fitted = model if isinstance(model, Fit) else fit(model, training)
     leaves, angles, inputs = recorded_leaves(fitted, held_out)
-    grammar = terms(leaves, angles, list(inputs), complexity)
+    grammar = terms(leaves, angles, list(inputs), fitted.model.channels, complexity)
     equations: list[FoundEquation] = []
     rejected: FoundTerm | None = None
     for number in range(1, MOST_TERMS + 1):
@@ -299,6 +300,7 @@ def recorded_leaves(fitted: Fit, held_out: Sequence[Recording]) -> tuple[dict[st
     angles = sorted(name for name in signals if re.fullmatch(r"q\d+", name))
     angles += ["phi"] if space is Space.PLANE and "phi" in signals else []
     leaves |= {name: signal_leaf(name, "rad") for name in angles}
+    leaves |= {name: signal_leaf(name, unit) for name, unit in space.channel_units.items()}
     return leaves, angles, inputs
 
 

@@ -1,9 +1,9 @@
-"""Terms of the grammar: forces, torques and zeros built of the chain's quantities, up to a stated complexity."""
+"""Terms of the grammar: forces, torques, gains and zeros of the chain's quantities, up to a stated complexity."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Any
@@ -12,7 +12,9 @@ from diagnosis.discovery.quantities import (
     DISTANCE,
     EDGE,
     HARMONIC,
+    ONE,
     POWER,
+    SCALAR_SIZE,
     SHAPES,
     SIGN,
     TOOL_CONSTANT,
@@ -27,13 +29,13 @@ from modeling import symbolic as sp
 from modeling.effects.loads import TIP_DISTANCE
 from modeling.formulas.custom_effect import CustomEffect
 from modeling.formulas.python_definition import formula_text
-from modeling.formulas.units import dimension
+from modeling.formulas.units import DIMENSIONLESS, dimension
 from modeling.rigid_body import contact_components, contact_force_torque
 from modeling.space import FORCE_UNIT, TORQUE_UNIT, Space, signals, vector
 
 COMPLEXITY = 6
 """Leaves and operations of a term, by default: |v|^3 v at a point has six, |w| (h x v) seven."""
-NORM_POWERS = (1, 2, 3, -1)
+NORM_POWERS = (0.5, 1, 1.5, 2, 3, -1)
 SCALAR_POWERS = (1, 2, 3)
 """Exponents of a vector's length, and of a scalar that has a sign."""
 PLACE_POWERS = (-1, -2, -3, -4)
@@ -45,21 +47,24 @@ needs a joint that moves by hundredths of a radian between samples."""
 LOW_ORDERS = (1, 2, 3)
 """Of an angle, as a factor of a force or torque."""
 
-FORCE, TORQUE, ZERO = "force", "torque", "zero"
+FORCE, TORQUE, GAIN, ZERO = "force", "torque", "gain", "zero"
 
 
 @dataclass(frozen=True)
 class Term:
     """One term of the grammar: an amplitude, or the components of a constant vector, times a quantity.
 
-    kind       "force" (on the tool), "torque" (on the tool, about the sensor) or "zero" (added to the readings)
-    quantity   a vector in tool axes; of a zero a scalar, with an amplitude for each channel
+    kind       "force" (on the tool), "torque" (on the tool, about the sensor), "gain" (a load times the quantity, added
+               to the readings) or "zero" (added to the readings last)
+    quantity   a vector in tool axes; of a gain and a zero a scalar, with an amplitude for each channel
+    load       of a gain, the channel of the load
     at_point   whether the force acts at a point at some distance along the tip, and the quantity is that of the point
     kept       places of the amplitudes that it has, of all; None for all
     """
 
     kind: str
     quantity: Quantity
+    load: str = ""
     at_point: bool = False
     kept: tuple[int, ...] | None = None
 
@@ -71,12 +76,17 @@ class Term:
     @property
     def complexity(self) -> int:
         """Number of leaves and operations, with the point."""
-        return self.quantity.size + self.at_point
+        return self.quantity.size + self.at_point + (SCALAR_SIZE + (self.quantity.size > 0) if self.load else 0)
 
     def all_amplitudes(self, space: Space) -> tuple[str, ...]:
         """Names of all amplitudes that a term of its kind may have; those of a channel together."""
         own = self.quantity.amplitudes
-        return own if self.kind != ZERO else tuple(f"{name}_{channel}" for channel in space.channels for name in own)
+        return tuple(f"{name}_{c}" for c in space.channels for name in own) if self.by_channel else own
+
+    @property
+    def by_channel(self) -> bool:
+        """Whether it is added to the readings, with amplitudes for each channel."""
+        return self.kind in (GAIN, ZERO)
 
     def amplitudes(self, space: Space) -> tuple[str, ...]:
         """Names of its amplitudes."""
@@ -87,14 +97,18 @@ class Term:
     def formula(self) -> str:
         """As it is printed: force, torque or zero as a product; of a zero the channels, where they are not all."""
         amplitude = "c " if self.quantity.amplitudes == ("c",) else ""
-        left = {FORCE: "F", TORQUE: "T", ZERO: "zero"}[self.kind]
-        return f"{left} = {amplitude}{self.quantity.formula}" + (f" at {DISTANCE}" if self.at_point else "")
+        left = {FORCE: "F", TORQUE: "T"}.get(self.kind, "zero")
+        product = self.quantity.formula
+        if self.load:
+            own = re.fullmatch(rf"{self.load}(?:\^(\d))?", product)  # times the same load
+            product = f"{self.load}^{int(own[1] or 1) + 1}" if own else f"{product} {self.load}".strip()
+        return f"{left} = {amplitude}{product}" + (f" at {DISTANCE}" if self.at_point else "")
 
     def printed(self, space: Space) -> str:
         """Its formula, with the channels of a zero and the parts of a sinusoid that it has."""
         names = self.amplitudes(space)
         formula = self.formula
-        if self.kind == ZERO:
+        if self.by_channel:
             channels = [c for c in space.channels if any(name.endswith(f"_{c}") for name in names)]
             formula = formula.replace(
                 "zero", "zero" if len(channels) == len(space.channels) else ", ".join(channels), 1
@@ -109,7 +123,8 @@ class Term:
         units = {}
         for name in self.amplitudes(space):
             of_target = {FORCE: FORCE_UNIT, TORQUE: TORQUE_UNIT}.get(self.kind) or by_channel[name.rsplit("_", 1)[1]]
-            units[name] = str(dimension(of_target) / self.quantity.dimension)
+            of_load = dimension(by_channel[self.load]) if self.load else DIMENSIONLESS
+            units[name] = str(dimension(of_target) / of_load / self.quantity.dimension)
         return units
 
     def effect(
@@ -135,8 +150,9 @@ class Term:
             components = self.quantity.evaluated(symbolic.with_amplitudes(chosen))
             return tuple(component * chosen.get("c", sp.S.One) for component in components)
 
-        if self.kind == ZERO:
-            stage, formulas = "zero", {channel: value(f"_{channel}")[0] for channel in space.channels}
+        if self.by_channel:
+            stage, suffix = self.kind, f"_{self.load}" if self.load else ""
+            formulas = {channel + suffix: value(f"_{channel}")[0] for channel in space.channels}
         else:
             parts, nothing = vector(*value("")), vector(0, 0, 0)
             arm = signals(DISTANCE)[0] * space.tip_axis if self.at_point else nothing
@@ -176,13 +192,15 @@ def terms(
     leaves: Mapping[str, Leaf],
     angles: Collection[str],
     columns: Collection[str],
+    loads: Collection[str],
     complexity: int,
 ) -> list[Term]:
-    """All terms up to a complexity, of the vectors of the chain, and of these angles and other columns.
+    """All terms up to a complexity, of the vectors of the chain, and of these angles, other columns and loads.
 
     force, torque  V or S V; V a vector of the chain, a constant one, the cross product of two, or the part of one along
                    the tip or along gravity
     zero           S
+    gain           a load times 1, S, or a power of that load or another one
     S              a power of a scalar, its sign, a sinusoid of an angle, or the product of two scalars; of another
                    column a power
 
@@ -195,6 +213,7 @@ def terms(
     directions = _vectors(named)
     factors = _factors(named, [*coordinates, *angles], angles)
     plain = [s for s in factors if s.operation not in (POWER, SIGN, HARMONIC)]
+    low = [s for s in factors if s.operation == HARMONIC]
     products = [*factors, *(one.times(other) for one, other in combinations(plain, 2))]
     found = [Term(ZERO, s) for s in products if s.size <= complexity]
     higher = [named[angle].harmonic(order) for angle in angles for order in HARMONIC_ORDERS if order not in LOW_ORDERS]
@@ -214,7 +233,17 @@ def terms(
     slowly = [s.times(vector) for s in of_columns for vector in directions if not vector.operands]
     found += [Term(kind, q) for q in slowly for kind in (FORCE, TORQUE) if q.size <= complexity]
     found += _of_a_place(named, leaves, complexity)
+    found += _of_loads([leaves[name].quantity for name in loads], [*plain, *low, *of_columns], complexity)
     return sorted(dict.fromkeys(found), key=lambda term: (term.complexity, term.formula))
+
+
+def _of_loads(loads: Sequence[Quantity], factors: Sequence[Quantity], complexity: int) -> list[Term]:
+    """Loads times nothing, a scalar, another load or a power of themselves."""
+    gains = []
+    for place, load in enumerate(loads):
+        by = [ONE, load, load.power(2), *loads[:place], *factors]
+        gains += [Term(GAIN, quantity, load=load.formula) for quantity in by]
+    return [term for term in gains if term.complexity <= complexity]
 
 
 def _of_a_place(named: Mapping[str, Quantity], leaves: Mapping[str, Leaf], complexity: int) -> list[Term]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import cached_property, lru_cache
 from typing import Any, Self
 
@@ -50,7 +51,7 @@ class Quantity:
 
     formula    as it is printed
     size       number of leaves and operations: the complexity
-    exponent   of a power; order of a harmonic
+    exponent   of a power (a multiple of 1/2); order of a harmonic
     """
 
     operation: str
@@ -59,7 +60,7 @@ class Quantity:
     vector: bool
     dimension: Dimension
     size: int = 1
-    exponent: int = 1
+    exponent: float = 1
 
     @cached_property
     def leaves(self) -> frozenset[str]:
@@ -95,12 +96,12 @@ class Quantity:
         """The length of a vector."""
         return Quantity("norm", (self,), f"|{self.formula}|", False, self.dimension, self.size + 1)
 
-    def power(self, exponent: int) -> Quantity:
-        """A power of a scalar; a negative one of a norm, smoothed at zero."""
+    def power(self, exponent: float) -> Quantity:
+        """A power of a scalar, of a norm where it is no positive integer; a negative one smoothed at zero."""
         if exponent == 1:
             return self
-        formula = f"{_grouped(self)}^{exponent}"
-        return Quantity(POWER, (self,), formula, False, self.dimension**exponent, self.size + 1, exponent)
+        formula, unit = f"{_grouped(self)}^{exponent:g}", self.dimension ** Fraction(exponent)
+        return Quantity(POWER, (self,), formula, False, unit, self.size + 1, exponent)
 
     def sign(self) -> Quantity:
         """The sign of a scalar."""
@@ -123,6 +124,10 @@ class Quantity:
             if operand not in leaves.evaluated:
                 leaves.evaluated[operand] = operand.evaluated(leaves)
         return _operation(leaves, self)(*(leaves.evaluated[operand] for operand in self.operands))
+
+
+ONE = Quantity("one", (), "", False, DIMENSIONLESS, size=0)
+"""The number."""
 
 
 def _grouped(quantity: Quantity) -> str:
@@ -275,6 +280,8 @@ class SampledLeaves(Leaves):
 
     def components(self, name: str) -> Components:
         """Arrays over the samples; of a constant vector those of its unit vectors."""
+        if name == ONE.operation:
+            return (np.ones((self._samples, 1)),)
         if name == TOOL_CONSTANT:
             return tuple(np.eye(3)[:, None, :])
         rows = self.leaves["turn" if name == WORLD_CONSTANT else name].function.value(
@@ -316,6 +323,8 @@ class SymbolicLeaves(Leaves):
 
     def components(self, name: str) -> Components:
         """Symbols, of what is not simpler as it is; of a constant vector, those of its amplitudes."""
+        if name == ONE.operation:
+            return (sp.S.One,)
         if name == TOOL_CONSTANT:
             return self._vector_of(name)
         if name == WORLD_CONSTANT:

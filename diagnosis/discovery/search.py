@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from diagnosis.discovery.grammar import ZERO, Term
+from diagnosis.discovery.grammar import Term
 from diagnosis.discovery.quantities import DISTANCE, EDGE, PLACE, WIDTH, Leaf
 from diagnosis.discovery.term_columns import TermColumns
 from diagnosis.progress import CountCallback, counted
@@ -133,7 +133,7 @@ class TermSearch:
         def alike(term: Term) -> tuple[str, int, tuple[str, ...], str, tuple[bool, ...]]:
             periodic = tuple(columns.is_periodic(term, number) for number in range(len(self.fit.recordings)))
             shapes = term.shapes(self._leaves)
-            stage = "zero" if term.kind == ZERO else "load"
+            stage = term.kind if term.by_channel else "load"
             return stage, len(term.amplitudes(space)), shapes, _edge(term) if EDGE in shapes else "", periodic
 
         batches: list[tuple[Mapping[str, float], list[Term]]] = []

@@ -34,9 +34,10 @@ def fitted(space: Space) -> Fit:
 def sampled_terms(space: Space, fit_of: Fit) -> list[Term]:
     """One term of every combination of leaves that a short one may have, and some of all."""
     leaves, angles, inputs = recorded_leaves(fit_of, fit_of.recordings)
-    everything = terms(leaves, angles, list(inputs), 6)
+    everything = terms(leaves, angles, list(inputs), space.channels, 6)
     chosen = [everything[place] for place in np.random.default_rng(3).choice(len(everything), SAMPLE, replace=False)]
-    wanted = ("F = c v x w at d", "F = c |n|^-3 n at d", "F = c into_y up at d", "T = h x w", "F = |v| k")
+    wanted = ("F = c v x w at d", "F = c |n|^-3 n at d", "F = c into_y up at d", "T = h x w", "F = |v| k", "F = c |v|^1.5 v at d")
+    wanted += ("zero = c fx", "zero = c fx fy", "zero = c fy^3", "zero = harmonic(q1) fx", "zero = c |w| fx")
     return chosen + [term for term in everything if term.formula in wanted]
 
 
@@ -70,7 +71,7 @@ def test_columns_are_those_of_the_custom_effect(space: Space) -> None:
 def test_all_terms_up_to_a_complexity(space: Space) -> None:
     of = fitted(space)
     leaves, angles, inputs = recorded_leaves(of, of.recordings)
-    shorter, longer = (terms(leaves, angles, list(inputs), size) for size in (4, 5))
+    shorter, longer = (terms(leaves, angles, list(inputs), space.channels, size) for size in (4, 5))
     assert len(set(longer)) == len(longer)
     assert set(shorter) <= set(longer)
     assert {term.complexity for term in shorter if term.complexity > 4} <= {5}  # of a place, or from an edge on
@@ -91,5 +92,5 @@ def test_an_effects_file_gives_the_effect_again(space: Space, tmp_path: Path) ->
 def test_rows_of_a_periodic_term_are_those_of_the_motion() -> None:
     of = fitted(Space.PLANE)
     leaves, angles, inputs = recorded_leaves(of, of.recordings)
-    (drag,) = (term for term in terms(leaves, angles, list(inputs), 3) if term.formula == "F = c v")
+    (drag,) = (term for term in terms(leaves, angles, list(inputs), Space.PLANE.channels, 3) if term.formula == "F = c v")
     assert TermColumns(NullModel(of), leaves, {}).projected([drag]).whitened.choice == (RowSet.EXCITED,)
