@@ -121,8 +121,8 @@ def _depth(track: Track, level: float) -> Array:
     return np.asarray(np.maximum(0.0, level - track.point[:, 2:]))
 
 
-PLACES = {False: (2.0, 0.0, 2.0), True: (0.45, 0.3, 0.2)}
-"""In the plane, and in six axes, m."""
+PLACES = {False: (1.4, 0.0, 2.3), True: (0.24, 0.35, 0.17)}
+"""In the plane, and in six axes, m: all motions pass it in 0.2 to 0.3 m."""
 UP = np.array([0.0, 0.0, 1.0])
 
 LAWS: Mapping[str, Callable[[Track], tuple[Array, Array]]] = {
@@ -183,23 +183,23 @@ FORMS: Mapping[str, tuple[Space, tuple[str, ...]]] = {
     "charge": (Space.PLANE, ("F = c |n|^-3 n at d",)),
     "stiffening spring": (Space.PLANE, ("F = c |n|^2 n at d",)),
     "eddy current": (Space.PLANE, ("F = c |n|^-3 v at d",)),
-    "buoyancy": (Space.PLANE, ("F = c into_y up at d",)),
+    "buoyancy": (Space.PLANE, ("F = c into_y up at d", "F = into_y k at d")),
     "spring below": (Space.PLANE, ("F = c under_y up at d",)),
     "viscous bath": (Space.PLANE, ("F = c under_y v at d",)),
-    "ground effect": (Space.PLANE, ()),
-    "saturating drag": (Space.PLANE, ()),
+    "ground effect": (Space.PLANE, ("F = c falling_y up at d",)),
+    "saturating drag": (Space.PLANE, ("F = c v_sat at d",)),
     "seventh of a turn": (Space.PLANE, ("fx = harmonic(7 q2)", "fx = c sin(7 q2)", "fx = c cos(7 q2)")),
     "joint squared": (Space.PLANE, ("fy = c q3^2",)),
     "two joints": (Space.PLANE, ("fy = q3 harmonic(q2)", "fy = q3 c sin(q2)")),
     "rate squared": (Space.PLANE, ("tau = c |w|^2", "T = |w|^2 h")),
-    "joint rate squared": (Space.PLANE, ()),
+    "joint rate squared": (Space.PLANE, ("fx = c dq3^2",)),
     "product of loads": (Space.PLANE, ("fx = c fy tau",)),
     "square of a load": (Space.PLANE, ("fy = c fx^2",)),
     "load by load": (Space.PLANE, ("fy = c fx fy",)),
-    "warm zero": (Space.PLANE, ("fy = c temperature^2",)),
-    "air pressure": (Space.PLANE, ("fx = c pressure^2",)),
-    "warm-up": (Space.PLANE, ()),
-    "rotor": (Space.SPACE, ("T = h x w", "T = c w x e")),
+    "warm zero": (Space.PLANE, ("fy = c_1 (temperature - 23.5) + c_2 (temperature - 23.5)^2", "fy = c_1 (temperature - 23) + c_2 (temperature - 23)^2", "fy = c_1 (temperature - 24) + c_2 (temperature - 24)^2")),
+    "air pressure": (Space.PLANE, ("fx = c pressure^2", "fx = c_1 (pressure - 1) + c_2 (pressure - 1)^2")),
+    "warm-up": (Space.PLANE, ("tau = c fading",)),
+    "rotor": (Space.SPACE, ("T = w x h", "T = c w x e")),
     "cubic spin": (Space.SPACE, ("T = c |w|^2 w",)),
     "compass": (Space.SPACE, ("T = e x k",)),
     "rudder": (Space.SPACE, ("F = c v x e at d",)),

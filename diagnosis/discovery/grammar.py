@@ -12,12 +12,17 @@ from diagnosis.discovery.quantities import (
     DISTANCE,
     EDGE,
     HARMONIC,
+    LENGTH,
+    NARROWEST,
     ONE,
     POWER,
+    QUADRATIC,
     SCALAR_SIZE,
+    SCALES,
     SHAPES,
     SIGN,
     TOOL_CONSTANT,
+    WIDTH,
     WORLD_CONSTANT,
     Components,
     Leaf,
@@ -38,9 +43,9 @@ COMPLEXITY = 6
 NORM_POWERS = (0.5, 1, 1.5, 2, 3, -1)
 SCALAR_POWERS = (1, 2, 3)
 """Exponents of a vector's length, and of a scalar that has a sign."""
-PLACE_POWERS = (-1, -2, -3, -4)
+PLACE_POWERS = (1, 2, -1, -2, -3, -4)
 """Exponents of the distance to a place, times the vector to it: |n|^-4 n falls with the third power, as the pull of a
-magnet on iron nearby."""
+magnet on iron nearby; |n|^2 n is a spring that stiffens."""
 HARMONIC_ORDERS = range(1, 25)
 """Of an angle, by itself in a zero: those of a bearing, or of the teeth of a gear on the output side. What is faster
 needs a joint that moves by hundredths of a radian between samples."""
@@ -113,9 +118,14 @@ class Term:
             formula = formula.replace(
                 "zero", "zero" if len(channels) == len(space.channels) else ", ".join(channels), 1
             )
-        parts = {name.split("_")[1] for name in names if name.startswith(("c_sin", "c_cos"))}
+        parts = {name.split("_")[1] for name in names if name.startswith("c_")}
+        if self.quantity.operation == QUADRATIC:
+            of = self.quantity.operands[0].formula
+            both = f"c_1 {of} + c_2 {of}^2"
+            sums = both if len(parts) == 2 else f"c {of}^2" if parts == {"2"} else f"c {of}"
+            return formula.replace(self.quantity.formula, sums)
         (part,) = parts if len(parts) == 1 else ("harmonic",)
-        return formula.replace(HARMONIC, "c sin" if part == "sin" else "c cos" if part == "cos" else part)
+        return formula.replace(HARMONIC, f"c {part}" if part in ("sin", "cos") else HARMONIC)
 
     def units(self, space: Space) -> dict[str, str]:
         """Unit of each amplitude."""
@@ -124,7 +134,9 @@ class Term:
         for name in self.amplitudes(space):
             of_target = {FORCE: FORCE_UNIT, TORQUE: TORQUE_UNIT}.get(self.kind) or by_channel[name.rsplit("_", 1)[1]]
             of_load = dimension(by_channel[self.load]) if self.load else DIMENSIONLESS
-            units[name] = str(dimension(of_target) / of_load / self.quantity.dimension)
+            squared = self.quantity.operation == QUADRATIC and name.startswith("c_2")
+            of_square = self.quantity.dimension if squared else DIMENSIONLESS
+            units[name] = str(dimension(of_target) / of_load / self.quantity.dimension / of_square)
         return units
 
     def effect(
@@ -160,13 +172,14 @@ class Term:
             stage, formulas = "tip_body", contact_values(space, force, torque)
         for name in self.shapes(leaves):
             bounds = {"bounds": list(TIP_DISTANCE.bounds)} if name == DISTANCE else {}
-            parameters[name] = {"unit": "m", "search": sorted(map(float, shapes[name])), **bounds}
+            bounds |= {"bounds": [NARROWEST, None]} if name in SCALES and name != WIDTH else {}
+            parameters[name] = {"unit": SHAPES[name], "search": sorted(map(float, shapes[name])), **bounds}
         symbols = {s.name for formula in formulas.values() for s in formula.free_symbols}
         steps = {name: step for name, step in symbolic.steps.items() if name in symbols}
         for step in steps.values():
             symbols |= set(re.findall(r"[A-Za-z_]\w*", step))
         parameters = {name: value for name, value in parameters.items() if name in symbols}  # in the plane k has no z
-        used = {name: unit for name, unit in inputs.items() if name in self.quantity.leaves}
+        used = {name: unit for name, unit in inputs.items() if name in symbols}
         texts = {name: formula_text(formula) for name, formula in formulas.items() if formula != 0}
         table = {"id": effect_id, "title": self.printed(space), "parameters": parameters, stage: texts}
         more = {"inputs": used, "constants": symbolic.constants, "let": steps}
@@ -186,6 +199,8 @@ def contact_values(space: Space, force: sp.Matrix, torque: sp.Matrix) -> dict[st
 VECTORS = ("v", "a", "w", "al", "up", "r", "e")
 MOVING = ("v", "a", "w", "al", "r")
 AXES = ("e", "up")
+LEVELLING = {FORCE: ("v_sat", "v_drop"), TORQUE: ("w_sat", "w_drop")}
+"""By themselves."""
 
 
 def terms(
@@ -199,15 +214,18 @@ def terms(
 
     force, torque  V or S V; V a vector of the chain, a constant one, the cross product of two, or the part of one along
                    the tip or along gravity
-    zero           S
+    zero           S, a quadratic of an angle or another column, or what fades with time
     gain           a load times 1, S, or a power of that load or another one
     S              a power of a scalar, its sign, a sinusoid of an angle, or the product of two scalars; of another
                    column a power
+
+    Besides a force or torque along a velocity or angular rate that saturates, or falls beyond some rate.
 
     Equal ones that follow from rules of the algebra are left out; others are merged by what they give
     (`diagnosis/discovery/dictionary.py`).
     """
     coordinates = [name for name in ("x", "y", "z") if name in leaves]
+    coordinates += [f"d{angle}" for angle in angles if f"d{angle}" in leaves and re.fullmatch(r"q\d+", angle)]
     present = [name for name in VECTORS if name in leaves]  # without positions there is no velocity
     named = {name: leaves[name].quantity for name in (*present, *coordinates, *angles, *columns)}
     directions = _vectors(named)
@@ -218,23 +236,31 @@ def terms(
     found = [Term(ZERO, s) for s in products if s.size <= complexity]
     higher = [named[angle].harmonic(order) for angle in angles for order in HARMONIC_ORDERS if order not in LOW_ORDERS]
     of_columns = [named[name].power(k) for name in columns for k in SCALAR_POWERS]
-    found += [Term(ZERO, s) for s in (*higher, *of_columns) if s.size <= complexity]
+    quadratics = [leaf.quantity.quadratic() for name, leaf in leaves.items() if name.endswith("_dev")]
+    fading = [leaves[name].quantity for name in ("fading",) if name in leaves]
+    found += [Term(ZERO, s) for s in (*higher, *of_columns, *quadratics, *fading) if s.size <= complexity]
     for kind in (FORCE, TORQUE):
-        for direction in directions:
+        for direction in [*directions, *(leaves[n].quantity for n in LEVELLING[kind] if n in leaves)]:
             scaled = [direction]
             scaled += [
                 s.times(direction)
-                for s in products
-                if s.size + direction.size + 1 <= complexity and not (s.has_constant and direction.has_constant)
+                for s in (products if direction.formula not in LEVELLING[kind] else ())
+                if s.size + direction.size + 1 <= complexity + _is_half(s)
+                and not (s.has_constant and direction.has_constant)
             ]
             found += [Term(kind, quantity) for quantity in scaled]
             if kind == FORCE:
-                found += [Term(kind, q, at_point=True) for q in scaled if q.size < complexity]
+                found += [Term(kind, q, at_point=True) for q in scaled if q.size - _is_half(q) < complexity]
     slowly = [s.times(vector) for s in of_columns for vector in directions if not vector.operands]
     found += [Term(kind, q) for q in slowly for kind in (FORCE, TORQUE) if q.size <= complexity]
     found += _of_a_place(named, leaves, complexity)
-    found += _of_loads([leaves[name].quantity for name in loads], [*plain, *low, *of_columns], complexity)
+    found += _of_loads([leaves[name].quantity for name in loads], [*plain, *low, *of_columns, *fading], complexity)
     return sorted(dict.fromkeys(found), key=lambda term: (term.complexity, term.formula))
+
+
+def _is_half(quantity: Quantity) -> bool:
+    """Whether it has a half power: allowed where whole ones are, and less likely."""
+    return quantity.exponent % 1 != 0 or any(map(_is_half, quantity.operands))
 
 
 def _of_loads(loads: Sequence[Quantity], factors: Sequence[Quantity], complexity: int) -> list[Term]:
@@ -256,7 +282,7 @@ def _of_a_place(named: Mapping[str, Quantity], leaves: Mapping[str, Leaf], compl
     near = leaves["n"].quantity
     lengths = [near.norm().power(k) for k in PLACE_POWERS]
     quantities = [near, *(s.times(v) for s in lengths for v in (near, named["v"]))]
-    edges = [leaf.quantity for leaf in leaves.values() if EDGE in leaf.shapes]
+    edges = [leaf.quantity for leaf in leaves.values() if leaf.shapes & {EDGE, LENGTH}]
     quantities += [s.times(v) for s in edges for v in (constant(WORLD_CONSTANT), named["up"], named["v"])]
     forces = [Term(FORCE, q, at_point=at) for q in quantities for at in (False, True)]
     return [term for term in forces if term.complexity <= complexity + 1]

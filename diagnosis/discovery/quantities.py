@@ -33,16 +33,29 @@ PLACE = ("x_0", "y_0", "z_0")
 EDGE, WIDTH = "s_0", "w_0"
 """Parameters: the coordinate (m) in the world from which something acts, and the length (m) in which it comes to its
 full size."""
-SHAPES = (DISTANCE, *PLACE, EDGE, WIDTH)
-"""Parameters that terms are not linear in."""
+SPEED, RATE, TIME, LENGTH = "v_0", "u_0", "t_0", "l_0"
+"""Parameters: a speed, m/s, and an angular rate, 1/s, from which on a force changes less; a time constant, s; a length,
+m, in which something falls to 1/e."""
+SHAPES = {
+    **{DISTANCE: "m", **dict.fromkeys(PLACE, "m"), EDGE: "m", WIDTH: "m"},
+    **{SPEED: "m/s", RATE: "1/s", TIME: "s", LENGTH: "m"},
+}
+"""Units of the parameters that terms are not linear in, by name."""
+SCALES = (WIDTH, SPEED, RATE, TIME, LENGTH)
+"""Those of them that divide, and are positive."""
+NARROWEST = 1e-4
+"""Of a width (m) or another scale, SI: a step in a tenth of a millimetre is one between any two samples."""
 TINY = 1e-6
 """In SI units, added (squared) to a norm that is divided by, as in the catalogue's drag."""
 SCALAR_SIZE = 2
 """Complexity of a scalar that is one signal, as of the length of a vector: a joint's angle or a coordinate is one of
 more than the vectors of the chain, and no law of a rigid tool knows it."""
 POWER, SIGN = "power", "sign"
-TOOL_CONSTANT, WORLD_CONSTANT, HARMONIC = "h", "k", "harmonic"
-"""What has amplitudes of its own: a constant vector in tool axes, one in the world, sine and cosine of an angle."""
+TOOL_CONSTANT, WORLD_CONSTANT, HARMONIC, QUADRATIC = "h", "k", "harmonic", "quadratic"
+"""What has amplitudes of its own: a constant vector in tool axes, one in the world, sine and cosine of an angle, a
+scalar and its square."""
+PARTS = {TOOL_CONSTANT: "xyz", WORLD_CONSTANT: "xyz", HARMONIC: ("sin", "cos"), QUADRATIC: ("1", "2")}
+"""Amplitudes of each."""
 
 
 @dataclass(frozen=True)
@@ -65,15 +78,14 @@ class Quantity:
     @cached_property
     def leaves(self) -> frozenset[str]:
         """Names of the leaves in it, and of what has amplitudes."""
-        own = frozenset({self.operation}) if not self.operands or self.operation == HARMONIC else frozenset[str]()
+        own = frozenset({self.operation}) if not self.operands or self.operation in PARTS else frozenset[str]()
         return own.union(*(operand.leaves for operand in self.operands))
 
     @cached_property
     def amplitudes(self) -> tuple[str, ...]:
         """Names of the amplitudes that it is linear in; it is multiplied by c where it has none of its own."""
-        names = {TOOL_CONSTANT: "xyz", WORLD_CONSTANT: "xyz", HARMONIC: ("sin", "cos")}
-        of = next((name for name in names if name in self.leaves), "")
-        return tuple(f"{'c' if of == HARMONIC else of}_{part}" for part in names[of]) if of else ("c",)
+        of = next((name for name in PARTS if name in self.leaves), "")
+        return tuple(f"{of if len(of) == 1 else 'c'}_{part}" for part in PARTS[of]) if of else ("c",)
 
     @property
     def has_constant(self) -> bool:
@@ -101,7 +113,8 @@ class Quantity:
         if exponent == 1:
             return self
         formula, unit = f"{_grouped(self)}^{exponent:g}", self.dimension ** Fraction(exponent)
-        return Quantity(POWER, (self,), formula, False, unit, self.size + 1, exponent)
+        size = self.size + 1 + (exponent % 1 != 0)
+        return Quantity(POWER, (self,), formula, False, unit, size, exponent)
 
     def sign(self) -> Quantity:
         """The sign of a scalar."""
@@ -111,6 +124,11 @@ class Quantity:
         """A sinusoid of a multiple of an angle, of any phase."""
         formula = f"harmonic({order} {self.formula})" if order > 1 else f"harmonic({self.formula})"
         return Quantity(HARMONIC, (self,), formula, False, DIMENSIONLESS, self.size + 1, order)
+
+    def quadratic(self) -> Quantity:
+        """Itself and its square, each with an amplitude."""
+        formula = f"quadratic({self.formula})"
+        return Quantity(QUADRATIC, (self,), formula, False, self.dimension, self.size + 1)
 
     def _with(self, operation: str, other: Quantity, formula: str, *, vector: bool) -> Quantity:
         unit = self.dimension * other.dimension
@@ -152,7 +170,10 @@ def _operation(leaves: Leaves, quantity: Quantity) -> Callable[..., Components]:
         "norm": lambda one: (functions.sqrt(_dot(one, one)),),
         POWER: lambda one: (one[0] ** exponent if exponent > 0 else inverse(one[0]) ** -exponent,),
         SIGN: lambda one: (one[0] * inverse(one[0]),),
-        HARMONIC: lambda one: (leaves.harmonic(exponent * one[0]),),
+        HARMONIC: lambda one: (
+            leaves.sum_of(HARMONIC, functions.sin(exponent * one[0]), functions.cos(exponent * one[0])),
+        ),
+        QUADRATIC: lambda one: (leaves.sum_of(QUADRATIC, one[0], one[0] ** 2),),
     }
     return operations[quantity.operation]
 
@@ -167,22 +188,32 @@ def _dot(one: Components, other: Components) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class Leaf:
-    """A quantity that the chain has: its expressions of the signals, and of the parameters `SHAPES`."""
+    """A quantity that the chain has: its expressions of the signals, and of the parameters `SHAPES`.
+
+    constants  values and units of other symbols in it, by name
+    printed    as it is printed, its name if empty
+    size       number of leaves and operations in it, where it is more than one signal or vector
+    """
 
     name: str
     expression: sp.Matrix
     dimension: Dimension
+    constants: tuple[tuple[str, float, str], ...] = ()
+    printed: str = ""
+    size: int = 0
 
     @cached_property
     def quantity(self) -> Quantity:
         """As a tree of one leaf."""
         vector = len(self.expression) == 3
-        return Quantity(self.name, (), self.name, vector, self.dimension, 1 if vector else SCALAR_SIZE)
+        size = self.size or (1 if vector else SCALAR_SIZE)
+        return Quantity(self.name, (), self.printed or self.name, vector, self.dimension, size)
 
     @cached_property
     def signals(self) -> frozenset[str]:
         """Names of the recording's signals that it needs."""
-        return frozenset(s.name for s in self.expression.free_symbols) - {*SHAPES}
+        fixed = {name for name, _, _ in self.constants}
+        return frozenset(s.name for s in self.expression.free_symbols) - {*SHAPES} - fixed
 
     @cached_property
     def shapes(self) -> frozenset[str]:
@@ -192,7 +223,8 @@ class Leaf:
     @cached_property
     def function(self) -> VectorFunction:
         """Its components as a function of the signals and of `SHAPES`."""
-        return VectorFunction.of(self.expression, tuple(sorted(self.signals)), signals(*SHAPES))
+        numbers = {signals(name)[0]: value for name, value, _ in self.constants}
+        return VectorFunction.of(self.expression.xreplace(numbers), tuple(sorted(self.signals)), signals(*SHAPES))
 
 
 @lru_cache(maxsize=2)
@@ -204,12 +236,15 @@ def chain_leaves(space: Space) -> Mapping[str, Leaf]:
     n        from it to a place in the world, m
     over_x, under_x   how far (m) its coordinate is above an edge, or below it, else 0; and so in y and z
     onto_x, into_x    the same in a width, 1 at the most
+    falling_x, rising_x   exponentials of its coordinate over l_0 (`exponential_leaves`); and so in y and z
+    v_sat, v_drop     v over v_0 + |v|, and v over 1 + (|v| / v_0)²; w_sat, w_drop likewise
+    fading   exp(-time / t_0)
     w, al    angular rate and acceleration, rad/s, rad/s²
     up       unit vector opposite to gravity
     e        unit vector along the tip
     turn     rotation matrix from world to tool axes, by rows
     """
-    motion, (d, *fixed, edge, width) = space.motion, signals(*SHAPES)
+    motion, (d, *fixed, edge, width, speed, rate, constant_time, _, time) = space.motion, signals(*SHAPES, "time")
     arm, to_tool, w, al = d * space.tip_axis, motion.rotation.T, motion.omega, motion.alpha
     place = motion.position + motion.rotation * arm
     there = vector(*(x if i < len(space.axes) else sp.S.Zero for i, x in enumerate(fixed)))
@@ -225,17 +260,58 @@ def chain_leaves(space: Space) -> Mapping[str, Leaf]:
         "n": (to_tool * (there - place), "m"),
         **{axis: (sp.Matrix([place[i]]), "m") for i, axis in enumerate(space.axes)},
     }
+    for name, scale in (("v", speed), ("w", rate)):
+        moving, unit = named[name]
+        size = sp.sqrt(moving.dot(moving))
+        named |= {
+            f"{name}_sat": (moving / (scale + size), "1"),
+            f"{name}_drop": (moving / (1 + (size / scale) ** 2), unit),
+        }
+    named |= {"fading": (sp.Matrix([sp.exp(-time / constant_time)]), "1")}
     for coordinate, axis in zip(place, space.axes, strict=False):
         for side, beyond, within in ((1, "over", "onto"), (-1, "under", "into")):
             depth = sp.Max(0, side * (coordinate - edge))
             named |= {f"{beyond}_{axis}": (sp.Matrix([depth]), "m")}
             named |= {f"{within}_{axis}": (sp.Matrix([sp.Min(1, depth / width)]), "1")}
-    return {name: Leaf(name, expression, dimension(unit)) for name, (expression, unit) in named.items()}
+    sizes = {"fading": 3, "v_sat": 4, "w_sat": 4, "v_drop": 5, "w_drop": 5}
+    return {name: Leaf(name, e, dimension(unit), size=sizes.get(name, 0)) for name, (e, unit) in named.items()}
 
 
 def signal_leaf(name: str, unit: str) -> Leaf:
     """A signal of the recording as a scalar."""
     return Leaf(name, sp.Matrix([signals(name)[0]]), dimension(unit, own_units=(unit,)))
+
+
+def deviation_leaf(name: str, unit: str, values: Array) -> Leaf:
+    """A signal of the recording less a round value in the middle of its range: its powers are not all one."""
+    middle = _round_middle(values)
+    symbol, reference = signals(name, f"{name}_ref")
+    dimensions, constants = dimension(unit, own_units=(unit,)), ((reference.name, middle, unit),)
+    shown = f"({name} {'+' if middle < 0 else '-'} {abs(middle):.6g})" if middle else name
+    return Leaf(f"{name}_dev", sp.Matrix([symbol - reference]), dimensions, constants, shown)
+
+
+def exponential_leaves(coordinate: Leaf, values: Array) -> Mapping[str, Leaf]:
+    """What falls, and what rises, by e in a length, with a coordinate of the point, and is 1 in its middle."""
+    (place,), (length, reference) = coordinate.expression, signals(LENGTH, f"{coordinate.name}_ref")
+    constants = ((reference.name, _round_middle(values), "m"),)
+    return {
+        f"{name}_{coordinate.name}": Leaf(
+            f"{name}_{coordinate.name}",
+            sp.Matrix([sp.exp(side * (place - reference) / length)]),
+            DIMENSIONLESS,
+            constants,
+            size=3,
+        )
+        for name, side in (("falling", -1), ("rising", 1))
+    }
+
+
+def _round_middle(values: Array) -> float:
+    """A round number in the middle of a range."""
+    low, high = float(values.min()), float(values.max())
+    step = 10.0 ** np.floor(np.log10((high - low) / 2))
+    return float(np.round((low + high) / 2 / step) * step)
 
 
 def constant(name: str) -> Quantity:
@@ -256,8 +332,8 @@ class Leaves:
         """Those of a leaf by its name."""
         raise NotImplementedError
 
-    def harmonic(self, angle: Any) -> Any:
-        """A sinusoid with its amplitudes."""
+    def sum_of(self, operation: str, one: Any, other: Any) -> Any:
+        """Two values with the amplitudes of an operation."""
         raise NotImplementedError
 
     def tiny(self, of: Dimension) -> Any:
@@ -268,7 +344,8 @@ class Leaves:
 class SampledLeaves(Leaves):
     """Over the first samples of a recording, at values of `SHAPES` (0 where not given): arrays (n, a).
 
-    a is the number of a constant vector's or a sinusoid's amplitudes, of which each has the other ones zero; else 1.
+    a is the number of amplitudes of a constant vector, or of an operation with two, of which each has the other ones
+    zero; else 1.
     """
 
     functions = np
@@ -276,7 +353,7 @@ class SampledLeaves(Leaves):
     def __init__(self, leaves: Mapping[str, Leaf], values: Signals, samples: int, shapes: Mapping[str, float]) -> None:
         super().__init__(leaves)
         self._values, self._samples = values, samples
-        self._theta = np.array([shapes.get(name, float(name == WIDTH)) for name in SHAPES])
+        self._theta = np.array([shapes.get(name, float(name in SCALES)) for name in SHAPES])
 
     def components(self, name: str) -> Components:
         """Arrays over the samples; of a constant vector those of its unit vectors."""
@@ -291,9 +368,9 @@ class SampledLeaves(Leaves):
             return tuple(rows.reshape(len(rows), 3, 3).transpose(1, 0, 2))
         return tuple(rows.T[:, :, None])
 
-    def harmonic(self, angle: Array) -> Array:
-        """Sine and cosine (n, 2)."""
-        return np.hstack([np.sin(angle), np.cos(angle)])
+    def sum_of(self, operation: str, one: Array, other: Array) -> Array:
+        """Both (n, 2)."""
+        return np.hstack([one, other])
 
     def tiny(self, of: Dimension) -> float:
         """The number."""
@@ -329,6 +406,7 @@ class SymbolicLeaves(Leaves):
             return self._vector_of(name)
         if name == WORLD_CONSTANT:
             return self._named(name, self.leaves["turn"].expression.reshape(3, 3) * sp.Matrix(self._vector_of(name)))
+        self.constants |= {symbol: f"{value!r} {unit}" for symbol, value, unit in self.leaves[name].constants}
         return self._named(name, self.leaves[name].expression)
 
     def _vector_of(self, name: str) -> Components:
@@ -346,9 +424,10 @@ class SymbolicLeaves(Leaves):
             symbols.append(signals(step)[0])
         return tuple(symbols)
 
-    def harmonic(self, angle: sp.Expr) -> sp.Expr:
-        """With its two amplitudes."""
-        return self._amplitudes["c_sin"] * sp.sin(angle) + self._amplitudes["c_cos"] * sp.cos(angle)
+    def sum_of(self, operation: str, one: sp.Expr, other: sp.Expr) -> sp.Expr:
+        """Their sum with its two amplitudes."""
+        first, second = (self._amplitudes[f"c_{part}"] for part in PARTS[operation])
+        return first * one + second * other
 
     def tiny(self, of: Dimension) -> sp.Expr:
         """A constant of that dimension."""

@@ -10,7 +10,7 @@ import pytest
 
 from diagnosis.discovery.discovery import effect_toml, recorded_leaves
 from diagnosis.discovery.grammar import Term, terms
-from diagnosis.discovery.quantities import DISTANCE, EDGE, PLACE, WIDTH
+from diagnosis.discovery.quantities import DISTANCE, EDGE, LENGTH, PLACE, RATE, SPEED, TIME, WIDTH
 from diagnosis.discovery.term_columns import TermColumns
 from diagnosis.screening.null_model import NullModel, RowSet, WhitenedColumns
 from diagnosis.screening.whitened_sensitivity import GridPoint, score_columns
@@ -22,6 +22,7 @@ from truewrench.files.effects_file import read_effects
 pytest.importorskip("mujoco")
 
 SHAPES = {DISTANCE: 0.13, **dict(zip(PLACE, (2.1, 1.7, 0.4), strict=True)), EDGE: 0.05, WIDTH: 0.3}
+SHAPES |= {SPEED: 0.4, RATE: 1.2, TIME: 3.0, LENGTH: 0.4}
 SAMPLE = 12
 """Terms of each space, drawn with a seed, besides one of every kind."""
 
@@ -36,9 +37,18 @@ def sampled_terms(space: Space, fit_of: Fit) -> list[Term]:
     leaves, angles, inputs = recorded_leaves(fit_of, fit_of.recordings)
     everything = terms(leaves, angles, list(inputs), space.channels, 6)
     chosen = [everything[place] for place in np.random.default_rng(3).choice(len(everything), SAMPLE, replace=False)]
-    wanted = ("F = c v x w at d", "F = c |n|^-3 n at d", "F = c into_y up at d", "T = h x w", "F = |v| k", "F = c |v|^1.5 v at d")
+    wanted = (
+        "F = c v x w at d",
+        "F = c |n|^-3 n at d",
+        "F = c into_y up at d",
+        "T = h x w",
+        "F = |v| k",
+        "F = c |v|^1.5 v at d",
+    )
     wanted += ("zero = c fx", "zero = c fx fy", "zero = c fy^3", "zero = harmonic(q1) fx", "zero = c |w| fx")
-    return chosen + [term for term in everything if term.formula in wanted]
+    wanted += ("F = c v_sat at d", "T = c w_drop", "zero = c fading", "F = c falling_y up at d")
+    quadratics = [term for term in everything if "quadratic" in term.formula]
+    return chosen + quadratics[:2] + [term for term in everything if term.formula in wanted]
 
 
 @pytest.mark.parametrize("space", Space)
@@ -92,5 +102,7 @@ def test_an_effects_file_gives_the_effect_again(space: Space, tmp_path: Path) ->
 def test_rows_of_a_periodic_term_are_those_of_the_motion() -> None:
     of = fitted(Space.PLANE)
     leaves, angles, inputs = recorded_leaves(of, of.recordings)
-    (drag,) = (term for term in terms(leaves, angles, list(inputs), Space.PLANE.channels, 3) if term.formula == "F = c v")
+    (drag,) = (
+        term for term in terms(leaves, angles, list(inputs), Space.PLANE.channels, 3) if term.formula == "F = c v"
+    )
     assert TermColumns(NullModel(of), leaves, {}).projected([drag]).whitened.choice == (RowSet.EXCITED,)
