@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -40,7 +40,8 @@ from modeling.errors import InputError
 from modeling.formulas.custom_effect import CustomEffect
 from modeling.formulas.parser import FORMULA_FUNCTIONS, NAME
 from modeling.formulas.vocabulary import is_reserved, signal_units, tip_units
-from modeling.number_format import P_VALUE
+from modeling.number_format import P_VALUE, p_value_text
+from modeling.significance import LEVELS
 from modeling.space import Space
 from modeling.table import Column, Table, Tabular
 
@@ -49,6 +50,9 @@ Array = NDArray[np.float64]
 LITTLE_EXCITED = 20.0
 """Drop of chi-square on the motions held out, with refitted amplitudes, below which they tell nothing of a term: there
 a true one is found in half of the cases."""
+LEAST_EXPLAINED = 0.8
+"""Share of the excess on the motions held out that the terms together have to explain where what they leave is beyond
+noise: forms that only resemble the true one left a quarter and more, and predicted a third motion worse."""
 MOST_TERMS = 3
 """Terms that are looked for, each given the earlier ones."""
 TEMPERATURE = "temperature"
@@ -63,6 +67,7 @@ class FoundEquation:
     parameters    (value, std, unit) by name, of the fit of all terms
     share         of the excess of chi-square on the fitted motion that it explains, given the earlier terms
     held_out      the same on the motions held out, its parameters carried over
+    rivals        the alternatives as custom effects, in their order
     """
 
     effect: CustomEffect
@@ -70,6 +75,7 @@ class FoundEquation:
     parameters: Mapping[str, tuple[float, float, str]]
     share: float
     held_out: float
+    rivals: tuple[CustomEffect, ...] = ()
 
     @property
     def formula(self) -> str:
@@ -97,8 +103,8 @@ class FoundEquation:
             },
             "held_out": {"share": self.held_out, "carried": True},
             "alternatives": [
-                {"formula": other.term.printed(self.effect.spaces[0]), "odds": odds}
-                for other, odds in self.found.alternatives
+                {"id": rival.id, "formula": other.term.printed(self.effect.spaces[0]), "odds": odds}
+                for (other, odds), rival in zip(self.found.alternatives, self.rivals, strict=True)
             ],
         }
 
@@ -112,6 +118,7 @@ class Discovery(Tabular):
     complexity   up to which all of them were tested
     depends_on   where no term was found, share of the residual's power on held-out blocks that each signal predicts
     rejected     the last term that was significant on the fitted motion and does not hold on the others; None without
+    left         p-value of "what is left on the motions held out is noise", with all terms, or those not proposed
     """
 
     first: Fit
@@ -122,6 +129,7 @@ class Discovery(Tabular):
     complexity: int
     depends_on: Mapping[str, float]
     rejected: FoundTerm | None = None
+    left: float | None = None
 
     @property
     def found(self) -> bool:
@@ -132,6 +140,11 @@ class Discovery(Tabular):
     def effects_toml(self) -> str:
         """The terms as an effects file; empty without any."""
         return "\n".join(effect_toml(equation.effect) for equation in self.equations)
+
+    @property
+    def alternatives_toml(self) -> str:
+        """What cannot be told from the terms as an effects file; empty without any."""
+        return "\n".join(effect_toml(rival) for equation in self.equations for rival in equation.rivals)
 
     def compared(self) -> ModelComparison:
         """Both models on the recordings held out."""
@@ -167,12 +180,19 @@ class Discovery(Tabular):
             none = f"none holds on {held_out}" if self.rejected else "none is significant"
             return [f"No equation up to complexity {self.complexity}: {tested}, {none}.{self._of_rejected}{on}"]
         lines = [f"{tested}; the parameters hold on {held_out}, without being fitted there."]
+        if self.left is not None and self.left < LEVELS.held_out:
+            more = f"more is left than noise ({p_value_text(self.left)})"
+            lines.append(f"On {held_out} {more}: the form may stand in for one that is not among the terms.")
         for equation in self.equations:
             others = [
                 f"{o.term.printed(self.first.model.space)} (1 : {odds:.2g})" for o, odds in equation.found.alternatives
             ]
             if others:
                 lines.append(f"Not told apart from {equation.formula}: {'; '.join(others)}.")
+                motion = (
+                    f"`truewrench design RIG --model MODEL.json --tell {equation.effect.id} {equation.rivals[0].id}`"
+                )
+                lines.append(f"A motion that would: {motion}, with the effects file of the alternatives as --effects.")
         if len(self.equations) > 1:
             lines.append("Each term is given the earlier ones.")
         return lines
@@ -185,6 +205,8 @@ class Discovery(Tabular):
         best = self.rejected.best
         if best.refitted < LITTLE_EXCITED:
             why = "they hardly excite it: record a motion that does"
+        elif self.left is not None:
+            why = f"much of what they show is left ({p_value_text(self.left)}): the true form is not among the terms"
         else:
             why = f"there its constants explain {max(0.0, best.carried / best.refitted):.0%} of what others would"
         formula = best.scored.term.printed(self.first.model.space)
@@ -202,7 +224,9 @@ class Discovery(Tabular):
             "tested": self.tested,
             "terms": [equation.to_data() for equation in self.equations],
             "depends_on": dict(self.depends_on),
+            "left_p": self.left,
             "effects_toml": self.effects_toml,
+            "alternatives_toml": self.alternatives_toml,
         }
 
 
@@ -267,6 +291,7 @@ def discover(
         what = f"the complexity is {complexity}"
         raise InputError(what=what, where="complexity", remedy=f"use 2 to {MOST_COMPLEX}")
     progress("fit")
+    space = (model.model if isinstance(model, Fit) else model).space
     first = fitted = in_noise_beside_columns(model if isinstance(model, Fit) else fit(model, training))
     leaves, angles, inputs = recorded_leaves(fitted, held_out)
     grammar = terms(leaves, angles, list(inputs), fitted.model.channels, complexity)
@@ -295,12 +320,23 @@ def discover(
                 {},
                 min(1.0, found.best.scored.score / excess),
                 min(1.0, max(0.0, found.best.carried) / max(beyond, found.best.carried, 1e-300)),
+                tuple(
+                    _effect(space, other, f"{effect_id}_or_{place}", leaves, inputs)
+                    for place, (other, _) in enumerate(found.alternatives, start=2)
+                ),
             )
         )
         fitted = after
+    left = None
+    if equations:
+        compared = compare_models({"after": fitted}, held_out).models[0].predictions
+        left = min(1.0, len(compared) * min(prediction.comparison.lack_of_fit for prediction in compared))
+        explained = 1 - float(np.prod([1 - equation.held_out for equation in equations]))
+        if left < LEVELS.held_out and explained < LEAST_EXPLAINED:
+            equations, fitted, rejected = [], first, equations[0].found
     depends = {} if equations else depends_on(first)
     done = tuple(_with_parameters(equation, fitted) for equation in equations)
-    return Discovery(first, fitted, tuple(held_out), done, len(grammar), complexity, depends, rejected)
+    return Discovery(first, fitted, tuple(held_out), done, len(grammar), complexity, depends, rejected, left)
 
 
 MOST_COMPLEX = 8
@@ -394,12 +430,19 @@ def _refitted(
 ) -> tuple[Fit, CustomEffect]:
     """The fit with a term as an effect, begun at its estimates."""
     space = fitted.model.space
-    shapes = {name: [value] for name, value in scored.shapes.items()}
-    effect = scored.term.effect(space, effect_id, leaves, inputs, shapes)
+    effect = _effect(space, scored, effect_id, leaves, inputs)
     amounts = dict(zip(scored.term.amplitudes(space), scored.amounts.tolist(), strict=True))
     own = {f"{effect_id}.{name}": value for name, value in (amounts | dict(scored.shapes)).items()}
     after = fitted.refitted(fitted.model + effect, fitted.values | own)
     return in_noise_beside_columns(after.in_noise(reestimated_noise(after))), effect
+
+
+def _effect(
+    space: Space, scored: ScoredTerm, effect_id: str, leaves: Mapping[str, Leaf], inputs: Mapping[str, str]
+) -> CustomEffect:
+    """A term as an effect, searched at its estimates."""
+    shapes = {name: [value] for name, value in scored.shapes.items()}
+    return scored.term.effect(space, effect_id, leaves, inputs, shapes)
 
 
 def _with_parameters(equation: FoundEquation, fitted: Fit) -> FoundEquation:
@@ -409,7 +452,7 @@ def _with_parameters(equation: FoundEquation, fitted: Fit) -> FoundEquation:
         for name, p in fitted.parameters.items()
         if name.startswith(prefix)
     }
-    return FoundEquation(equation.effect, equation.found, parameters, equation.share, equation.held_out)
+    return replace(equation, parameters=parameters)
 
 
 # ------------------------------------------------------------------------- where no term was found
