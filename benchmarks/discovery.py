@@ -196,7 +196,14 @@ FORMS: Mapping[str, tuple[Space, tuple[str, ...]]] = {
     "product of loads": (Space.PLANE, ("fx = c fy tau",)),
     "square of a load": (Space.PLANE, ("fy = c fx^2",)),
     "load by load": (Space.PLANE, ("fy = c fx fy",)),
-    "warm zero": (Space.PLANE, ("fy = c_1 (temperature - 23.5) + c_2 (temperature - 23.5)^2", "fy = c_1 (temperature - 23) + c_2 (temperature - 23)^2", "fy = c_1 (temperature - 24) + c_2 (temperature - 24)^2")),
+    "warm zero": (
+        Space.PLANE,
+        (
+            "fy = c_1 (temperature - 23.5) + c_2 (temperature - 23.5)^2",
+            "fy = c_1 (temperature - 23) + c_2 (temperature - 23)^2",
+            "fy = c_1 (temperature - 24) + c_2 (temperature - 24)^2",
+        ),
+    ),
     "air pressure": (Space.PLANE, ("fx = c pressure^2", "fx = c_1 (pressure - 1) + c_2 (pressure - 1)^2")),
     "warm-up": (Space.PLANE, ("tau = c fading",)),
     "rotor": (Space.SPACE, ("T = w x h", "T = c w x e")),
@@ -231,8 +238,8 @@ def model_and_rig(space: Space) -> tuple[WrenchModel, PlanarRig | SpatialRig, Ri
 def frame(form: str | None, space: Space, size: float, motion: int, repeats: int) -> pd.DataFrame:
     """A recording without noise."""
     _, rig, _ = model_and_rig(space)
-    hidden: list[HiddenEffect] = [Load(law=form, size=size)] if form in LAWS and size else []
-    hidden += [Leak(law=form, size=size)] if form in OF_LOADS and size else []
+    hidden: list[HiddenEffect] = [Load(law=form, size=size)] if form is not None and form in LAWS and size else []
+    hidden += [Leak(law=form, size=size)] if form is not None and form in OF_LOADS and size else []
     simulated = simulate(
         rig, rig.random_motion(seed=motion, period=PERIOD), hidden=hidden, repeats=repeats,
         samples_per_period=SAMPLES, noise=Silence(), seed=motion,
@@ -240,7 +247,7 @@ def frame(form: str | None, space: Space, size: float, motion: int, repeats: int
     time = simulated["time"].to_numpy()
     for column, law in COLUMNS.items():
         simulated[column] = law(time)
-    if form in READINGS:
+    if form is not None and form in READINGS:
         channel, law_of = READINGS[form]
         simulated[channel] += size * law_of(simulated)
     return simulated.drop(columns=[c for c in COLUMNS if form not in OTHER_COLUMNS[c]])
@@ -345,7 +352,7 @@ class Outcome:
         listed = {o.term.printed(space) for e in found.equations for o, _ in e.found.alternatives}
         exact = bool(formulas) and formulas[0] in true
         within = (0, 0)
-        if exact and trial.form in LAWS:
+        if exact and trial.form is not None and trial.form in LAWS:
             size = (trial.power / unit_power(trial.form, trial.space, trial.repeats)) ** 0.5
             known = {"c": size, "d": Load.d}
             pairs = [(abs(v), std, known[n]) for n, (v, std, _) in found.equations[0].parameters.items() if n in known]

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -13,33 +12,15 @@ from numpy.typing import NDArray
 
 from diagnosis.comparison.model_comparison import ModelComparison, compare_models
 from diagnosis.discovery.grammar import COMPLEXITY, terms
-from diagnosis.discovery.quantities import (
-    DISTANCE,
-    LENGTH,
-    NARROWEST,
-    PLACE,
-    RATE,
-    SHAPES,
-    SPEED,
-    TIME,
-    WIDTH,
-    Leaf,
-    chain_leaves,
-    deviation_leaf,
-    exponential_leaves,
-    signal_leaf,
-)
-from diagnosis.discovery.search import BEYOND, FoundTerm, ScoredTerm, TermSearch, best_term, in_noise_beside_columns
+from diagnosis.discovery.leaves import Leaf, recorded_leaves, shape_ranges
+from diagnosis.discovery.search import FoundTerm, ScoredTerm, TermSearch, best_term, in_noise_beside_columns
 from diagnosis.progress import Progress, count_progress, silent
-from diagnosis.screening.grid_search import recording_domain
 from estimation.fit import Fit, fit, recordings_of, reestimated_noise
 from estimation.model_response import predicted_readings
 from estimation.recordings.recording import Recording, require_different_readings
 from modeling.chain.model import WrenchModel
 from modeling.errors import InputError
 from modeling.formulas.custom_effect import CustomEffect
-from modeling.formulas.parser import FORMULA_FUNCTIONS, NAME
-from modeling.formulas.vocabulary import is_reserved, signal_units, tip_units
 from modeling.number_format import P_VALUE, p_value_text
 from modeling.significance import LEVELS
 from modeling.space import Space
@@ -55,9 +36,6 @@ LEAST_EXPLAINED = 0.8
 noise: forms that only resemble the true one left a quarter and more, and predicted a third motion worse."""
 MOST_TERMS = 3
 """Terms that are looked for, each given the earlier ones."""
-TEMPERATURE = "temperature"
-AUXILIARY_UNITS = {TEMPERATURE: "K"}
-"""Units of columns that formulas may use, by name; any other is taken as it is, in a unit of its own."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -341,76 +319,6 @@ def discover(
 
 MOST_COMPLEX = 8
 """Largest complexity: some 15 000 terms, minutes in six axes."""
-
-
-def recorded_leaves(fitted: Fit, held_out: Sequence[Recording]) -> tuple[dict[str, Leaf], list[str], dict[str, str]]:
-    """Leaves of the grammar that all recordings have; which of them are angles; units of other columns."""
-    space = fitted.model.space
-    several = [*fitted.recordings, *held_out]
-    signals = set.intersection(*(set(r.motion.model_signals) for r in several))
-    leaves = {name: leaf for name, leaf in chain_leaves(space).items() if leaf.signals <= signals}
-    inputs: dict[str, str] = {}
-    for name in sorted(set.intersection(*(set(r.auxiliary) for r in several))):
-        values = fitted.recordings[0].motion.model_signals[name]
-        if np.ptp(values) > 0 and re.fullmatch(NAME, name) and not _is_taken(name, leaves):
-            inputs[name] = AUXILIARY_UNITS.get(name) or re.sub("[^A-Za-z]", "", name)
-            leaves[name] = signal_leaf(name, inputs[name])
-            leaves[f"{name}_dev"] = deviation_leaf(name, inputs[name], values)
-    angles = sorted(name for name in signals if re.fullmatch(r"q\d+", name))
-    angles += ["phi"] if space is Space.PLANE and "phi" in signals else []
-    leaves |= {name: signal_leaf(name, "rad") for name in angles}
-    leaves |= {f"d{name}": signal_leaf(f"d{name}", "1/s") for name in angles if f"d{name}" in signals}
-    for axis, values in ((axis, fitted.recordings[0].motion.model_signals.get(f"p{axis}")) for axis in space.axes):
-        if axis in leaves and values is not None and np.ptp(values):
-            leaves |= exponential_leaves(leaves[axis], values)
-    of_angles = {name: fitted.recordings[0].motion.model_signals[name] for name in angles}
-    leaves |= {
-        f"{name}_dev": deviation_leaf(name, "rad", values) for name, values in of_angles.items() if np.ptp(values)
-    }
-    leaves |= {name: signal_leaf(name, unit) for name, unit in space.channel_units.items()}
-    return leaves, angles, inputs
-
-
-def _is_taken(name: str, leaves: Mapping[str, Leaf]) -> bool:
-    """Whether a formula of a term cannot name a column so: a name of the grammar, of a signal or of a function."""
-    signals = [signal for space in Space for signal in (*signal_units(space), *tip_units(space))]
-    steps = [f"{leaf}_{part}" for leaf in leaves for part in (1, 2, 3, "here", "ref", "dev")]
-    taken = {*leaves, *steps, *SHAPES, *FORMULA_FUNCTIONS, *signals, "pi", "at"}
-    return name in taken or is_reserved(name) or re.fullmatch("[chk](_.*)?|tiny_.*", name) is not None
-
-
-STEEPEST = 0.1
-"""Least length of an exponential, in the size of the tool and its motion."""
-FROM_USUAL = (0.2, 3.0)
-"""Range of a speed from which on a force levels, in the root mean square of the speed: beyond it the force is one with
-a constant size, or with one proportional to the speed."""
-SHORTEST_FADING = 0.03
-"""Least time constant, in the duration of a recording: faster ones are over after a tenth of it."""
-
-
-def shape_ranges(fitted: Fit, leaves: Mapping[str, Leaf]) -> dict[str, tuple[float, float]]:
-    """Ranges (SI) in which the parameters that terms are not linear in are sought, by name; that of an edge by axis."""
-    domain = recording_domain(fitted, 0)
-    ranges = {DISTANCE: (0.0, domain.reach)}
-    signals, samples = fitted.recordings[0].motion.model_signals, fitted.recordings[0].samples_per_repeat
-    for name, vector in ((SPEED, "v"), (RATE, "w")):
-        if vector in leaves:
-            values = leaves[vector].function.value(signals, np.zeros(len(SHAPES)), samples)
-            usual = max(float(np.sqrt((values**2).sum(axis=1).mean())), NARROWEST)
-            ranges[name] = (FROM_USUAL[0] * usual, FROM_USUAL[1] * usual)
-    if "fading" in leaves:
-        lasts = float(np.ptp(signals["time"]))
-        ranges[TIME] = (SHORTEST_FADING * lasts, lasts)
-    sizes = [high - low + 2 * domain.reach for low, high in zip(domain.low, domain.high, strict=True)]
-    ranges |= {LENGTH: (STEEPEST * max(sizes), max(sizes))} if sizes else {}
-    for axis, place, low, high in zip("xyz", PLACE, domain.low, domain.high, strict=False):
-        low, high = low - domain.reach, high + domain.reach
-        ranges |= {
-            axis: (low, high),
-            WIDTH: (0.0, domain.reach),
-            place: (low - BEYOND * (high - low), high + BEYOND * (high - low)),
-        }
-    return ranges
 
 
 def without_terms(recording: Recording, first: Fit, fitted: Fit) -> Recording:

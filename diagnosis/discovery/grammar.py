@@ -6,35 +6,29 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Any
+from typing import Any, Self
 
+from diagnosis.discovery.leaves import DISTANCE, EDGE, LENGTH, NARROWEST, SCALAR_SIZE, SCALES, SHAPES, WIDTH, Leaf
 from diagnosis.discovery.quantities import (
-    DISTANCE,
-    EDGE,
     HARMONIC,
-    LENGTH,
-    NARROWEST,
     ONE,
+    PARTS,
     POWER,
     QUADRATIC,
-    SCALAR_SIZE,
-    SCALES,
-    SHAPES,
     SIGN,
+    TINY,
     TOOL_CONSTANT,
-    WIDTH,
     WORLD_CONSTANT,
     Components,
-    Leaf,
+    Leaves,
     Quantity,
-    SymbolicLeaves,
     constant,
 )
 from modeling import symbolic as sp
 from modeling.effects.loads import TIP_DISTANCE
 from modeling.formulas.custom_effect import CustomEffect
 from modeling.formulas.python_definition import formula_text
-from modeling.formulas.units import DIMENSIONLESS, dimension
+from modeling.formulas.units import DIMENSIONLESS, Dimension, dimension
 from modeling.rigid_body import contact_components, contact_force_torque
 from modeling.space import FORCE_UNIT, TORQUE_UNIT, Space, signals, vector
 
@@ -171,7 +165,7 @@ class Term:
             force, torque = (parts, arm.cross(parts)) if self.kind == FORCE else (nothing, parts)
             stage, formulas = "tip_body", contact_values(space, force, torque)
         for name in self.shapes(leaves):
-            bounds = {"bounds": list(TIP_DISTANCE.bounds)} if name == DISTANCE else {}
+            bounds: dict[str, Any] = {"bounds": list(TIP_DISTANCE.bounds)} if name == DISTANCE else {}
             bounds |= {"bounds": [NARROWEST, None]} if name in SCALES and name != WIDTH else {}
             parameters[name] = {"unit": SHAPES[name], "search": sorted(map(float, shapes[name])), **bounds}
         symbols = {s.name for formula in formulas.values() for s in formula.free_symbols}
@@ -192,6 +186,68 @@ def contact_values(space: Space, force: sp.Matrix, torque: sp.Matrix) -> dict[st
     symbols = signals(*names)
     wrench = sp.Matrix.vstack(*contact_force_torque(space, symbols)).jacobian(sp.Matrix(symbols))
     return dict(zip(names, wrench.T * sp.Matrix.vstack(force, torque), strict=True))
+
+
+class SymbolicLeaves(Leaves):
+    """As SymPy symbols v_1 .. v_3.
+
+    steps      formulas of those that were used, by name and in order
+    constants  what is added to norms that are divided by, with its unit
+    """
+
+    functions = sp
+
+    def __init__(self, leaves: Mapping[str, Leaf], *, at_point: bool) -> None:
+        super().__init__()
+        self.leaves = leaves
+        self._amplitudes: Mapping[str, sp.Expr] = {}
+        self._at_point = at_point
+        self.steps: dict[str, str] = {}
+        self.constants: dict[str, str] = {}
+
+    def with_amplitudes(self, amplitudes: Mapping[str, sp.Expr]) -> Self:
+        """Themselves, with these symbols as amplitudes."""
+        self._amplitudes, self.evaluated = amplitudes, {}
+        return self
+
+    def components(self, name: str) -> Components:
+        """Symbols, of what is not simpler as it is; of a constant vector, those of its amplitudes."""
+        if name == ONE.operation:
+            return (sp.S.One,)
+        if name == TOOL_CONSTANT:
+            return self._vector_of(name)
+        if name == WORLD_CONSTANT:
+            return self._named(name, self.leaves["turn"].expression.reshape(3, 3) * sp.Matrix(self._vector_of(name)))
+        self.constants |= {symbol: f"{value!r} {unit}" for symbol, value, unit in self.leaves[name].constants}
+        return self._named(name, self.leaves[name].expression)
+
+    def _vector_of(self, name: str) -> Components:
+        return tuple(self._amplitudes[f"{name}_{axis}"] for axis in "xyz")
+
+    def _named(self, name: str, expressions: sp.Matrix) -> Components:
+        symbols = []
+        for number, at_distance in enumerate(expressions, start=1):
+            expression = at_distance if self._at_point else at_distance.subs(signals(DISTANCE)[0], 0)
+            if not expression.args:  # a number or a signal
+                symbols.append(expression)
+                continue
+            step = f"{name}_{number}" if len(expressions) > 1 else f"{name}_here"
+            self.steps[step] = formula_text(expression)
+            symbols.append(signals(step)[0])
+        return tuple(symbols)
+
+    def sum_of(self, operation: str, one: sp.Expr, other: sp.Expr) -> sp.Expr:
+        """Their sum with its two amplitudes."""
+        first, second = (self._amplitudes[f"c_{part}"] for part in PARTS[operation])
+        return first * one + second * other
+
+    def tiny(self, of: Dimension) -> sp.Expr:
+        """A constant of that dimension."""
+        quantity = f"{TINY!r} {of}"
+        known = next((name for name, text in self.constants.items() if text == quantity), None)
+        name = known or f"tiny_{len(self.constants) + 1}"
+        self.constants[name] = quantity
+        return signals(name)[0]
 
 
 # ------------------------------------------------------------------------------------------- enumeration

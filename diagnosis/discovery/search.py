@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import groupby, product
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -14,20 +14,8 @@ from scipy.optimize import minimize
 
 from diagnosis.comparison.slow_residual import SlowResidual
 from diagnosis.discovery.grammar import Term
-from diagnosis.discovery.quantities import (
-    DISTANCE,
-    EDGE,
-    LENGTH,
-    NARROWEST,
-    PLACE,
-    RATE,
-    SCALES,
-    SHAPES,
-    SPEED,
-    TIME,
-    WIDTH,
-    Leaf,
-)
+from diagnosis.discovery.leaves import EDGE, Leaf
+from diagnosis.discovery.shape_grid import ShapeGrid, edge_axis
 from diagnosis.discovery.term_columns import TermColumns
 from diagnosis.progress import CountCallback, counted
 from diagnosis.screening.null_model import NullModel
@@ -49,14 +37,6 @@ FINALISTS = 40
 WITHIN = 0.5
 """Most terms that are refined, and their least share of the best score before that: on a grid of a few places the score
 of a force towards one is half of what it is at its own."""
-SEARCHED = {DISTANCE: 3, EDGE: 7, WIDTH: 2, **dict.fromkeys(PLACE, 16), SPEED: 3, RATE: 3, TIME: 4, LENGTH: 3}
-"""Values of each parameter that a term is not linear in, at which it is scored before it is refined."""
-MOST_PLACES, INNER_PLACES, OUTER_PLACES, PATH_POINTS = 250, 1600, 6, 200
-"""Places at the most; those about the path to choose from, and for each axis those beyond; and points of the path."""
-APART = 0.5
-"""Least distance of two places in that from the path: a force like |n|^-4 n is in part the same at both."""
-BEYOND = 0.5
-"""How far a place may be outside the box of the motion, in its size."""
 REFINEMENTS = 120
 """Evaluations, by which four parameters are found to a hundredth of their range."""
 ODDS = 100.0
@@ -157,7 +137,8 @@ class TermSearch:
     """
 
     def __init__(self, fit: Fit, leaves: Mapping[str, Leaf], ranges: Mapping[str, tuple[float, float]]) -> None:
-        self.fit, self.null_model, self._leaves, self._ranges = fit, NullModel(fit), leaves, ranges
+        self.fit, self.null_model, self._leaves = fit, NullModel(fit), leaves
+        self.grid = ShapeGrid(fit, leaves, ranges)
 
     @cached_property
     def rows(self) -> int:
@@ -207,7 +188,7 @@ class TermSearch:
                 self.of_motion(term),
                 len(term.amplitudes(space)),
                 shapes,
-                _edge(term) if EDGE in shapes else "",
+                edge_axis(term) if EDGE in shapes else "",
                 periodic,
             )
 
@@ -215,86 +196,26 @@ class TermSearch:
         for _, group in groupby(sorted(terms, key=alike), key=alike):
             together = list(group)
             names = together[0].shapes(self._leaves)
-            for shapes in self._grid(names, together[0]):
+            for shapes in self.grid.points(names, together[0]):
                 starts = range(0, len(together), TERMS_AT_ONCE)
                 batches += [(shapes, together[first : first + TERMS_AT_ONCE]) for first in starts]
         return batches
-
-    def _grid(self, names: Sequence[str], term: Term) -> list[Mapping[str, float]]:
-        """Shapes at which a term is scored; of a force at a point that depends on a place, for a point near the tip."""
-        if not set(PLACE) & set(names):
-            rows: Iterable[Sequence[float]] = product(*(self._values(name, term) for name in names))
-        elif DISTANCE in names:
-            rows = [(self._near_tip, *place) for place in self._places]
-        else:
-            rows = self._places
-        return [dict(zip(names, map(float, row), strict=True)) for row in rows]
-
-    @cached_property
-    def _near_tip(self) -> float:
-        low, high = self._ranges[DISTANCE]
-        return low + (high - low) / SEARCHED[DISTANCE]
-
-    @cached_property
-    def _places(self) -> list[Sequence[float]]:
-        """Places in the world, the closer to each other the nearer they are to the path: there a force changes most."""
-        recording, names = self.fit.recordings[0], [name for name in PLACE if name in self._ranges]
-        theta = np.array([self._near_tip if name == DISTANCE else float(name in SCALES) for name in SHAPES])
-        axes = [self._leaves[axis].function for axis in self.fit.model.space.axes]
-        signals, samples = recording.motion.model_signals, recording.samples_per_repeat
-        path = np.hstack([axis.value(signals, theta, samples) for axis in axes])[:: max(1, samples // PATH_POINTS)]
-        low, high = path.min(axis=0), path.max(axis=0)
-        reach, count = self._ranges[DISTANCE][1], round(INNER_PLACES ** (1 / len(names)))
-        meshes = [[np.linspace(a - reach, b + reach, count) for a, b in zip(low, high, strict=True)]]
-        meshes += [[np.linspace(*self._ranges[name], OUTER_PLACES) for name in names]]
-        places = np.vstack([np.stack(np.meshgrid(*mesh), axis=-1).reshape(-1, len(names)) for mesh in meshes])
-        away = np.array([np.linalg.norm(path - place, axis=1).min() for place in places])
-        places, away = places[np.argsort(away)], np.sort(away)
-        spacing, chosen = APART, []
-        while not chosen or len(chosen) > MOST_PLACES:
-            radius, chosen = spacing * np.maximum(away, reach / 4), []
-            free = away > reach / 8
-            while free.any():
-                first = int(np.argmax(free))
-                chosen.append(places[first])
-                free &= np.linalg.norm(places - places[first], axis=1) > np.minimum(radius, radius[first])
-                free[first] = False
-            spacing *= 1.2
-        return chosen
-
-    def _values(self, name: str, term: Term) -> Array:
-        """Values of a parameter at which a term is scored: to the ends of a range, of an edge within it."""
-        low, high = self._range(name, term)
-        if name in (DISTANCE, WIDTH):
-            return np.linspace(low, high, SEARCHED[name] + 1)[1:]
-        if name in SCALES:
-            return np.geomspace(low, high, SEARCHED[name])
-        return np.linspace(low, high, SEARCHED[name] + 2)[1:-1]
-
-    def _limits(self, name: str) -> tuple[float, float]:
-        """Of a parameter in its refinement. A force far beyond the tool would be a torque."""
-        if name == DISTANCE:
-            return self._ranges[name]
-        if name == LENGTH:  # exponentials stay finite
-            return self._ranges[name][0] / 2, np.inf
-        return (NARROWEST if name in SCALES else -np.inf), np.inf
-
-    def _range(self, name: str, term: Term) -> tuple[float, float]:
-        return self._ranges[_edge(term) if name == EDGE else name]
 
     def refined(self, scored: ScoredTerm) -> ScoredTerm:
         """A term with its shapes refined, without amplitudes that are not worth their description."""
         best, names = scored, tuple(scored.shapes)
         if names:
             start = np.array([scored.shapes[name] for name in names])
-            simplex = np.vstack([start, start + np.diag(self.steps(scored))])
+            simplex = np.vstack([start, start + np.diag(self.grid.steps(scored.term, scored.shapes))])
 
             def cost(values: Array) -> float:
                 nearby = self._at(scored.term, dict(zip(names, values.tolist(), strict=True)))
                 return 0.0 if nearby is None else -nearby.score
 
             options: Any = {"initial_simplex": simplex, "maxfev": REFINEMENTS, "xatol": 1e-4, "fatol": 1e-2}
-            at_best = minimize(cost, start, method="Nelder-Mead", bounds=self.bounds(scored), options=options).x
+            at_best = minimize(
+                cost, start, method="Nelder-Mead", bounds=self.grid.bounds(scored.shapes), options=options
+            ).x
             best = self._at(scored.term, dict(zip(names, at_best.tolist(), strict=True))) or scored
         while len(best.amounts) > 1:
             fewer = self._without_one(best)
@@ -302,16 +223,6 @@ class TermSearch:
                 break
             best = fewer
         return best
-
-    def steps(self, scored: ScoredTerm) -> Array:
-        """First steps of a term's shapes, towards the middle of their ranges."""
-        low, high = np.array([self._range(name, scored.term) for name in scored.shapes]).T
-        sizes = (high - low) / np.array([SEARCHED[name] for name in scored.shapes]) / 2
-        return np.where(np.array(list(scored.shapes.values())) > (low + high) / 2, -sizes, sizes)
-
-    def bounds(self, scored: ScoredTerm) -> list[tuple[float, float]]:
-        """Bounds of its shapes."""
-        return [self._limits(name) for name in scored.shapes]
 
     def _at(self, term: Term, shapes: Mapping[str, float]) -> ScoredTerm | None:
         return _scored(TermColumns(self.null_model, self._leaves, shapes).projected([term]), 0, term, shapes)
@@ -355,15 +266,14 @@ def score_together(searches: Sequence[TermSearch], scored: ScoredTerm, *, refine
     names, start = list(scored.shapes), np.array(list(scored.shapes.values()))
     if not refined or not names:
         return score(scored.shapes)
-    simplex = np.vstack([start, start + np.diag(searches[0].steps(scored) / AGAIN)])
-    best = minimize(
-        lambda values: -score(dict(zip(names, values.tolist(), strict=True))),
-        start,
-        method="Nelder-Mead",
-        bounds=searches[0].bounds(scored),
-        options={"initial_simplex": simplex, "maxfev": REFINEMENTS // 6 * len(names), "xatol": 1e-4, "fatol": 1e-2},
-    )
-    return float(-best.fun)
+    simplex = np.vstack([start, start + np.diag(searches[0].grid.steps(scored.term, scored.shapes) / AGAIN)])
+    bounds, most = searches[0].grid.bounds(scored.shapes), REFINEMENTS // 6 * len(names)
+    options: Any = {"initial_simplex": simplex, "maxfev": most, "xatol": 1e-4, "fatol": 1e-2}
+
+    def cost(values: Array) -> float:
+        return -score(dict(zip(names, values.tolist(), strict=True)))
+
+    return -float(minimize(cost, start, method="Nelder-Mead", bounds=bounds, options=options).fun)
 
 
 AGAIN = 10.0
@@ -380,13 +290,6 @@ def _scored(projected: ProjectedColumns, place: int, term: Term, shapes: Mapping
         term = replace(term, kept=tuple(kept[shows].tolist()))
     roots = (projected.roots[place] / projected.scale[place][:, None])[shows]
     return ScoredTerm(term, shapes, projected.amounts[place][shows], roots @ roots.T, float(projected.scores[place]))
-
-
-def _edge(term: Term) -> str:
-    """The coordinate of a term that begins at an edge."""
-    return next(
-        name.split("_")[1] for name in term.quantity.leaves if name.startswith(("over_", "under_", "onto_", "into_"))
-    )
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.discovery.grammar import FORCE, GAIN, ZERO, Term, contact_values
-from diagnosis.discovery.quantities import DISTANCE, Leaf, SampledLeaves
+from diagnosis.discovery.leaves import DISTANCE, SCALES, SHAPES, Leaf
+from diagnosis.discovery.quantities import ONE, TINY, TOOL_CONSTANT, WORLD_CONSTANT, Components, Leaves
 from diagnosis.screening.null_model import NullModel, RowChoice, RowSet, WhitenedColumns
 from diagnosis.screening.projection import ProjectedColumns
 from diagnosis.screening.whitened_sensitivity import ReadingSummand, sensitivity_series, without_deflection
@@ -19,10 +20,11 @@ from estimation.model_response import predicted_readings, signals_are_periodic
 from estimation.parameter_layout import parameter_layout
 from modeling.chain.effect import GridSuperposition
 from modeling.chain.model import WrenchModel
-from modeling.chain.prediction import compiled_prediction
+from modeling.chain.prediction import Signals, compiled_prediction
 from modeling.chain.stages import Stage
 from modeling.formulas.custom_effect import CustomEffect
-from modeling.formulas.python_definition import own_effect
+from modeling.formulas.python_definition import FormulaTable
+from modeling.formulas.units import Dimension
 from modeling.formulas.vocabulary import target_units
 from modeling.rigid_body import contact_components
 from modeling.space import Space, vector
@@ -115,21 +117,17 @@ PROBE = "probe_"
 @lru_cache(maxsize=4)
 def _probes(space: Space, *, of_gains: bool) -> tuple[CustomEffect, ...]:
     """A constant contact wrench; or constant gains, an effect for each channel, from every one to it."""
-    of_wrench = dict(zip(contact_components(space), space.units, strict=True))
-    gains = target_units(Stage.GAIN, space)
-    tables = [
-        (channel, "gain", {f"{channel}_{c}": gains[f"{channel}_{c}"] for c in space.channels})
-        for channel in space.channels
-    ]
-    return tuple(
-        own_effect(
-            id=PROBE + name,
-            title="a constant",
-            parameters={f"on_{target}": unit for target, unit in units.items()},
-            **{stage: {target: f"on_{target}" for target in units}},
-        )
-        for name, stage, units in (tables if of_gains else [("wrench", "tip_body", of_wrench)])
-    )
+
+    def probe(name: str, units: Mapping[str, str], **stage: FormulaTable) -> CustomEffect:
+        parameters = {f"on_{target}": unit for target, unit in units.items()}
+        return CustomEffect.from_data({"id": PROBE + name, "title": "a constant", "parameters": parameters, **stage})
+
+    if not of_gains:
+        units = dict(zip(contact_components(space), space.units, strict=True))
+        return (probe("wrench", units, tip_body={target: f"on_{target}" for target in units}),)
+    gains, channels = target_units(Stage.GAIN, space), space.channels
+    rows = {row: {f"{row}_{column}": gains[f"{row}_{column}"] for column in channels} for row in channels}
+    return tuple(probe(row, units, gain={t: f"on_{t}" for t in units}) for row, units in rows.items())
 
 
 @lru_cache(maxsize=4)
@@ -168,3 +166,40 @@ def _wrench_matrix(space: Space, kind: str, distance: float) -> Array:
         return np.vstack([np.zeros((3, 3)), np.eye(3)])
     arm = distance * np.array(space.tip_axis, dtype=float).ravel()
     return np.vstack([np.eye(3), np.cross(arm, np.eye(3)).T])
+
+
+class SampledLeaves(Leaves):
+    """Over the first samples of a recording, at values of `SHAPES` (0 where not given): arrays (n, a).
+
+    a is the number of amplitudes of a constant vector, or of an operation with two, of which each has the other ones
+    zero; else 1.
+    """
+
+    functions = np
+
+    def __init__(self, leaves: Mapping[str, Leaf], values: Signals, samples: int, shapes: Mapping[str, float]) -> None:
+        super().__init__()
+        self.leaves = leaves
+        self._values, self._samples = values, samples
+        self._theta = np.array([shapes.get(name, float(name in SCALES)) for name in SHAPES])
+
+    def components(self, name: str) -> Components:
+        """Arrays over the samples; of a constant vector those of its unit vectors."""
+        if name == ONE.operation:
+            return (np.ones((self._samples, 1)),)
+        if name == TOOL_CONSTANT:
+            return tuple(np.eye(3)[:, None, :])
+        rows = self.leaves["turn" if name == WORLD_CONSTANT else name].function.value(
+            self._values, self._theta, self._samples
+        )
+        if name == WORLD_CONSTANT:
+            return tuple(rows.reshape(len(rows), 3, 3).transpose(1, 0, 2))
+        return tuple(rows.T[:, :, None])
+
+    def sum_of(self, operation: str, one: Array, other: Array) -> Array:
+        """Both (n, 2)."""
+        return np.hstack([one, other])
+
+    def tiny(self, of: Dimension) -> float:
+        """The number."""
+        return TINY

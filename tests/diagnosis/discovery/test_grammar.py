@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagnosis.discovery.discovery import effect_toml, recorded_leaves
+from diagnosis.discovery.discovery import effect_toml
 from diagnosis.discovery.grammar import Term, terms
-from diagnosis.discovery.quantities import DISTANCE, EDGE, LENGTH, PLACE, RATE, SPEED, TIME, WIDTH
+from diagnosis.discovery.leaves import DISTANCE, EDGE, LENGTH, PLACE, RATE, SPEED, TIME, WIDTH, recorded_leaves
 from diagnosis.discovery.term_columns import TermColumns
 from diagnosis.screening.null_model import NullModel, RowSet, WhitenedColumns
 from diagnosis.screening.whitened_sensitivity import GridPoint, score_columns
@@ -37,16 +37,12 @@ def sampled_terms(space: Space, fit_of: Fit) -> list[Term]:
     leaves, angles, inputs = recorded_leaves(fit_of, fit_of.recordings)
     everything = terms(leaves, angles, list(inputs), space.channels, 6)
     chosen = [everything[place] for place in np.random.default_rng(3).choice(len(everything), SAMPLE, replace=False)]
-    wanted = (
-        "F = c v x w at d",
-        "F = c |n|^-3 n at d",
-        "F = c into_y up at d",
-        "T = h x w",
-        "F = |v| k",
-        "F = c |v|^1.5 v at d",
-    )
-    wanted += ("zero = c fx", "zero = c fx fy", "zero = c fy^3", "zero = harmonic(q1) fx", "zero = c |w| fx")
-    wanted += ("F = c v_sat at d", "T = c w_drop", "zero = c fading", "F = c falling_y up at d")
+    wanted = [
+        *("F = c v x w at d", "F = c |n|^-3 n at d", "F = c into_y up at d", "T = h x w", "F = |v| k"),
+        *("F = c |v|^1.5 v at d", "F = c v_sat at d", "T = c w_drop", "F = c falling_y up at d"),
+        *("zero = c fx", "zero = c fx fy", "zero = c fy^3", "zero = harmonic(q1) fx", "zero = c |w| fx"),
+        "zero = c fading",
+    ]
     quadratics = [term for term in everything if "quadratic" in term.formula]
     return chosen + quadratics[:2] + [term for term in everything if term.formula in wanted]
 
