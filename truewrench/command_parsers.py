@@ -249,6 +249,7 @@ def design(commands: Subcommands[Any]) -> argparse.ArgumentParser:
     command.add_argument("--period", type=positive, default=5.0, metavar="T", help="s (default: 5)")
     command.add_argument("--samples", type=count, default=200, metavar="N", help="of one period (default: 200)")
     command.add_argument("--tell", nargs=2, metavar=("A", "B"), help="discriminate between these two effects")
+    add_custom_effects(command)
     command.add_argument(
         "--runs", type=count, default=1, metavar="R", help="repeats of the motion, for --tell (default: 1)"
     )

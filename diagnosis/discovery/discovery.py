@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import count
 from typing import Any
 
@@ -13,18 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.comparison.model_comparison import ModelComparison, compare_models
-from diagnosis.discovery.grammar import COMPLEXITY, ZERO, terms
-from diagnosis.discovery.quantities import DISTANCE, PLACE, WIDTH, Leaf, chain_leaves, signal_leaf
-from diagnosis.discovery.search import BEYOND, FoundTerm, ScoredTerm, TermSearch, best_term
+from diagnosis.discovery.grammar import COMPLEXITY, terms
+from diagnosis.discovery.leaves import Leaf, recorded_leaves, shape_ranges
+from diagnosis.discovery.search import FoundTerm, ScoredTerm, TermSearch, best_term, in_noise_beside_columns
 from diagnosis.progress import Progress, count_progress, silent
-from diagnosis.screening.grid_search import recording_domain
-from estimation.fit import Fit, fit, recordings_of
+from estimation.fit import Fit, fit, recordings_of, reestimated_noise
 from estimation.model_response import predicted_readings
 from estimation.recordings.recording import Recording, require_different_readings
 from modeling.chain.model import WrenchModel
 from modeling.errors import InputError
 from modeling.formulas.custom_effect import CustomEffect
-from modeling.number_format import P_VALUE
+from modeling.number_format import P_VALUE, p_value_text
+from modeling.significance import LEVELS
 from modeling.space import Space
 from modeling.table import Column, Table, Tabular
 
@@ -33,11 +33,11 @@ Array = NDArray[np.float64]
 LITTLE_EXCITED = 20.0
 """Drop of chi-square on the motions held out, with refitted amplitudes, below which they tell nothing of a term: there
 a true one is found in half of the cases."""
+LEAST_EXPLAINED = 0.8
+"""Share of the excess on the motions held out that the terms together have to explain where what they leave is beyond
+noise: forms that only resemble the true one left a quarter and more, and predicted a third motion worse."""
 MOST_TERMS = 3
 """Terms that are looked for, each given the earlier ones."""
-TEMPERATURE = "temperature"
-AUXILIARY_UNITS = {TEMPERATURE: "K"}
-"""Units of columns that formulas may use, by name; any other is taken as it is, in a unit of its own."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +47,7 @@ class FoundEquation:
     parameters    (value, std, unit) by name, of the fit of all terms
     share         of the excess of chi-square on the fitted motion that it explains, given the earlier terms
     held_out      the same on the motions held out, its parameters carried over
+    rivals        the alternatives as custom effects, in their order
     """
 
     effect: CustomEffect
@@ -54,6 +55,7 @@ class FoundEquation:
     parameters: Mapping[str, tuple[float, float, str]]
     share: float
     held_out: float
+    rivals: tuple[CustomEffect, ...] = ()
 
     @property
     def formula(self) -> str:
@@ -63,7 +65,8 @@ class FoundEquation:
     @property
     def kind(self) -> str:
         """The stage that it is added to."""
-        return "zero" if self.found.best.scored.term.kind == ZERO else "tip_body"
+        term = self.found.best.scored.term
+        return term.kind if term.by_channel else "tip_body"
 
     def to_data(self) -> dict[str, Any]:
         """As plain data: the format of `discover --json`."""
@@ -80,8 +83,8 @@ class FoundEquation:
             },
             "held_out": {"share": self.held_out, "carried": True},
             "alternatives": [
-                {"formula": other.term.printed(self.effect.spaces[0]), "odds": odds}
-                for other, odds in self.found.alternatives
+                {"id": rival.id, "formula": other.term.printed(self.effect.spaces[0]), "odds": odds}
+                for (other, odds), rival in zip(self.found.alternatives, self.rivals, strict=True)
             ],
         }
 
@@ -95,6 +98,7 @@ class Discovery(Tabular):
     complexity   up to which all of them were tested
     depends_on   where no term was found, share of the residual's power on held-out blocks that each signal predicts
     rejected     the last term that was significant on the fitted motion and does not hold on the others; None without
+    left         p-value of "what is left on the motions held out is noise", with all terms, or those not proposed
     """
 
     first: Fit
@@ -105,6 +109,7 @@ class Discovery(Tabular):
     complexity: int
     depends_on: Mapping[str, float]
     rejected: FoundTerm | None = None
+    left: float | None = None
 
     @property
     def found(self) -> bool:
@@ -115,6 +120,11 @@ class Discovery(Tabular):
     def effects_toml(self) -> str:
         """The terms as an effects file; empty without any."""
         return "\n".join(effect_toml(equation.effect) for equation in self.equations)
+
+    @property
+    def alternatives_toml(self) -> str:
+        """What cannot be told from the terms as an effects file; empty without any."""
+        return "\n".join(effect_toml(rival) for equation in self.equations for rival in equation.rivals)
 
     def compared(self) -> ModelComparison:
         """Both models on the recordings held out."""
@@ -150,12 +160,19 @@ class Discovery(Tabular):
             none = f"none holds on {held_out}" if self.rejected else "none is significant"
             return [f"No equation up to complexity {self.complexity}: {tested}, {none}.{self._of_rejected}{on}"]
         lines = [f"{tested}; the parameters hold on {held_out}, without being fitted there."]
+        if self.left is not None and self.left < LEVELS.held_out:
+            more = f"more is left than noise ({p_value_text(self.left)})"
+            lines.append(f"On {held_out} {more}: the form may stand in for one that is not among the terms.")
         for equation in self.equations:
             others = [
                 f"{o.term.printed(self.first.model.space)} (1 : {odds:.2g})" for o, odds in equation.found.alternatives
             ]
             if others:
                 lines.append(f"Not told apart from {equation.formula}: {'; '.join(others)}.")
+                motion = (
+                    f"`truewrench design RIG --model MODEL.json --tell {equation.effect.id} {equation.rivals[0].id}`"
+                )
+                lines.append(f"A motion that would: {motion}, with the effects file of the alternatives as --effects.")
         if len(self.equations) > 1:
             lines.append("Each term is given the earlier ones.")
         return lines
@@ -168,6 +185,8 @@ class Discovery(Tabular):
         best = self.rejected.best
         if best.refitted < LITTLE_EXCITED:
             why = "they hardly excite it: record a motion that does"
+        elif self.left is not None:
+            why = f"much of what they show is left ({p_value_text(self.left)}): the true form is not among the terms"
         else:
             why = f"there its constants explain {max(0.0, best.carried / best.refitted):.0%} of what others would"
         formula = best.scored.term.printed(self.first.model.space)
@@ -185,7 +204,9 @@ class Discovery(Tabular):
             "tested": self.tested,
             "terms": [equation.to_data() for equation in self.equations],
             "depends_on": dict(self.depends_on),
+            "left_p": self.left,
             "effects_toml": self.effects_toml,
+            "alternatives_toml": self.alternatives_toml,
         }
 
 
@@ -250,14 +271,16 @@ def discover(
         what = f"the complexity is {complexity}"
         raise InputError(what=what, where="complexity", remedy=f"use 2 to {MOST_COMPLEX}")
     progress("fit")
-    first = fitted = model if isinstance(model, Fit) else fit(model, training)
+    space = (model.model if isinstance(model, Fit) else model).space
+    first = fitted = in_noise_beside_columns(model if isinstance(model, Fit) else fit(model, training))
     leaves, angles, inputs = recorded_leaves(fitted, held_out)
-    grammar = terms(leaves, angles, list(inputs), complexity)
+    grammar = terms(leaves, angles, list(inputs), fitted.model.channels, complexity)
     equations: list[FoundEquation] = []
     rejected: FoundTerm | None = None
     for number in range(1, MOST_TERMS + 1):
-        search = TermSearch(fitted, leaves, shape_ranges(fitted))
-        others = [TermSearch(fit(first.model, without_terms(r, first, fitted)), leaves, {}) for r in held_out]
+        search = TermSearch(fitted, leaves, shape_ranges(fitted, leaves))
+        rests = [fit(first.model, without_terms(recording, first, fitted)) for recording in held_out]
+        others = [TermSearch(in_noise_beside_columns(rest), leaves, {}) for rest in rests]
         found = best_term(search, others, grammar, count_progress(progress, f"term {number}: score tests"))
         if found is None or not found.best.holds:
             rejected = found
@@ -266,6 +289,9 @@ def discover(
         taken = [effect.id for effect in fitted.model.effects]
         effect_id = next(name for name in map("found_{}".format, count(1)) if name not in taken)
         after, effect = _refitted(fitted, found.best.scored, effect_id, leaves, inputs)
+        if not after.identifies(effect) or found.best.scored.term in [e.found.best.scored.term for e in equations]:
+            rejected = found
+            break
         excess = max(search.null_model.cost - len(search.null_model.residual), found.best.scored.score)
         beyond = sum(other.null_model.cost - len(other.null_model.residual) for other in others)
         equations.append(
@@ -275,47 +301,27 @@ def discover(
                 {},
                 min(1.0, found.best.scored.score / excess),
                 min(1.0, max(0.0, found.best.carried) / max(beyond, found.best.carried, 1e-300)),
+                tuple(
+                    _effect(space, other, f"{effect_id}_or_{place}", leaves, inputs)
+                    for place, (other, _) in enumerate(found.alternatives, start=2)
+                ),
             )
         )
         fitted = after
+    left = None
+    if equations:
+        compared = compare_models({"after": fitted}, held_out).models[0].predictions
+        left = min(1.0, len(compared) * min(prediction.comparison.lack_of_fit for prediction in compared))
+        explained = 1 - float(np.prod([1 - equation.held_out for equation in equations]))
+        if left < LEVELS.held_out and explained < LEAST_EXPLAINED:
+            equations, fitted, rejected = [], first, equations[0].found
     depends = {} if equations else depends_on(first)
     done = tuple(_with_parameters(equation, fitted) for equation in equations)
-    return Discovery(first, fitted, tuple(held_out), done, len(grammar), complexity, depends, rejected)
+    return Discovery(first, fitted, tuple(held_out), done, len(grammar), complexity, depends, rejected, left)
 
 
 MOST_COMPLEX = 8
 """Largest complexity: some 15 000 terms, minutes in six axes."""
-
-
-def recorded_leaves(fitted: Fit, held_out: Sequence[Recording]) -> tuple[dict[str, Leaf], list[str], dict[str, str]]:
-    """Leaves of the grammar that all recordings have; which of them are angles; units of other columns."""
-    space = fitted.model.space
-    several = [*fitted.recordings, *held_out]
-    signals = set.intersection(*(set(r.motion.model_signals) for r in several))
-    leaves = {name: leaf for name, leaf in chain_leaves(space).items() if leaf.signals <= signals}
-    inputs: dict[str, str] = {}
-    for name in sorted(set.intersection(*(set(r.auxiliary) for r in several))):
-        if np.ptp(fitted.recordings[0].motion.model_signals[name]) > 0 and re.fullmatch("[a-z][a-z0-9_]*", name):
-            inputs[name] = AUXILIARY_UNITS.get(name, name)
-            leaves[name] = signal_leaf(name, inputs[name])
-    angles = sorted(name for name in signals if re.fullmatch(r"q\d+", name))
-    angles += ["phi"] if space is Space.PLANE and "phi" in signals else []
-    leaves |= {name: signal_leaf(name, "rad") for name in angles}
-    return leaves, angles, inputs
-
-
-def shape_ranges(fitted: Fit) -> dict[str, tuple[float, float]]:
-    """Ranges (m) in which the parameters that terms are not linear in are sought, by name; that of an edge by axis."""
-    domain = recording_domain(fitted, 0)
-    ranges = {DISTANCE: (0.0, domain.reach)}
-    for axis, place, low, high in zip("xyz", PLACE, domain.low, domain.high, strict=False):
-        low, high = low - domain.reach, high + domain.reach
-        ranges |= {
-            axis: (low, high),
-            WIDTH: (0.0, domain.reach),
-            place: (low - BEYOND * (high - low), high + BEYOND * (high - low)),
-        }
-    return ranges
 
 
 def without_terms(recording: Recording, first: Fit, fitted: Fit) -> Recording:
@@ -335,11 +341,19 @@ def _refitted(
 ) -> tuple[Fit, CustomEffect]:
     """The fit with a term as an effect, begun at its estimates."""
     space = fitted.model.space
-    shapes = {name: [value] for name, value in scored.shapes.items()}
-    effect = scored.term.effect(space, effect_id, leaves, inputs, shapes)
+    effect = _effect(space, scored, effect_id, leaves, inputs)
     amounts = dict(zip(scored.term.amplitudes(space), scored.amounts.tolist(), strict=True))
     own = {f"{effect_id}.{name}": value for name, value in (amounts | dict(scored.shapes)).items()}
-    return fit(fitted.model + effect, list(fitted.recordings), start=fitted.values | own), effect
+    after = fitted.refitted(fitted.model + effect, fitted.values | own)
+    return in_noise_beside_columns(after.in_noise(reestimated_noise(after))), effect
+
+
+def _effect(
+    space: Space, scored: ScoredTerm, effect_id: str, leaves: Mapping[str, Leaf], inputs: Mapping[str, str]
+) -> CustomEffect:
+    """A term as an effect, searched at its estimates."""
+    shapes = {name: [value] for name, value in scored.shapes.items()}
+    return scored.term.effect(space, effect_id, leaves, inputs, shapes)
 
 
 def _with_parameters(equation: FoundEquation, fitted: Fit) -> FoundEquation:
@@ -349,7 +363,7 @@ def _with_parameters(equation: FoundEquation, fitted: Fit) -> FoundEquation:
         for name, p in fitted.parameters.items()
         if name.startswith(prefix)
     }
-    return FoundEquation(equation.effect, equation.found, parameters, equation.share, equation.held_out)
+    return replace(equation, parameters=parameters)
 
 
 # ------------------------------------------------------------------------- where no term was found

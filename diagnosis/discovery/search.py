@@ -5,21 +5,25 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import groupby, product
+from itertools import groupby
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from diagnosis.discovery.grammar import ZERO, Term
-from diagnosis.discovery.quantities import DISTANCE, EDGE, PLACE, WIDTH, Leaf
+from diagnosis.comparison.slow_residual import SlowResidual
+from diagnosis.discovery.grammar import Term
+from diagnosis.discovery.leaves import EDGE, Leaf
+from diagnosis.discovery.shape_grid import ShapeGrid, edge_axis
 from diagnosis.discovery.term_columns import TermColumns
 from diagnosis.progress import CountCallback, counted
 from diagnosis.screening.null_model import NullModel
-from diagnosis.screening.projection import PointTest, ProjectedColumns
+from diagnosis.screening.projection import RANK_TOLERANCE, PointTest, ProjectedColumns
 from estimation.fit import Fit
 from estimation.multiplicity import chi2_sf, normal_isf
+from estimation.noise.noise_estimation import estimate_noise
+from modeling.noise import NoiseSource
 from modeling.significance import LEVELS
 
 Array = NDArray[np.float64]
@@ -27,17 +31,12 @@ Array = NDArray[np.float64]
 TERMS_AT_ONCE = 64
 """Terms whitened together: in six axes and 8000 samples of a single run, 75 MB for three amplitudes each."""
 NODE = float(np.log(12))
-"""Nats for each leaf or operation of a term: what it takes to choose one of about twelve."""
+"""Nats for each leaf or operation of a term, and for each amplitude of a channel but one: what it takes to choose one
+of about twelve."""
 FINALISTS = 40
 WITHIN = 0.5
 """Most terms that are refined, and their least share of the best score before that: on a grid of a few places the score
 of a force towards one is half of what it is at its own."""
-SEARCHED = {DISTANCE: 3, EDGE: 7, WIDTH: 2, **dict.fromkeys(PLACE, 5)}
-"""Values of each parameter that a term is not linear in, at which it is scored before it is refined."""
-NARROWEST = 1e-4
-"""Of a width, m: a step in a tenth of a millimetre is one between any two samples."""
-BEYOND = 0.5
-"""How far a place may be outside the box of the motion, in its size."""
 REFINEMENTS = 120
 """Evaluations, by which four parameters are found to a hundredth of their range."""
 ODDS = 100.0
@@ -47,6 +46,36 @@ HELD_OUT_LEVEL = 1e-3
 decides alone, as the term was chosen among thousands, and up to three are asked."""
 LEAST_CARRIED = 0.5
 """Share of what refitted amplitudes would explain on the other motion that the carried ones have to."""
+
+
+def in_noise_beside_columns(fitted: Fit) -> Fit:
+    """The fit in the noise that quadratics of the recordings' other columns leave of the residual.
+
+    What follows a column that does not repeat with the motion, as a temperature, differs between repeats, and is slow
+    noise of a run: in the noise with it, it does not show. The fit itself where what they leave is slower than noise: a
+    zero that wanders takes the shape of any temperature in part.
+    """
+    noise, units = [], fitted.model.space.channel_units
+    for recording, residual, before in zip(fitted.recordings, fitted.residuals, fitted.noise, strict=True):
+        columns = [recording.motion.model_signals[name] for name in recording.auxiliary]
+        columns = [(x - x.mean()) / x.std() for x in columns if np.ptp(x) > 0]
+        if not columns or recording.at_rest or before.source not in (NoiseSource.REPEATS, NoiseSource.RESIDUAL):
+            noise.append(before)
+            continue
+        basis = np.column_stack([np.ones(len(residual)), *columns, *(x**2 for x in columns)])
+        left = residual - basis @ np.linalg.lstsq(basis, residual, rcond=None)[0]
+        if SlowResidual.of_residual(recording.name, left, units).significant:
+            return fitted
+        noise.append(estimate_noise(recording, left, int(fitted.identifiable.sum()), before.events, before.motion))
+    return fitted if all(new is old for new, old in zip(noise, fitted.noise, strict=True)) else fitted.in_noise(noise)
+
+
+SAME_CONSTANTS = 0.01
+"""P-value of one set of constants on all motions above which they carry over, however little of what the others show
+they explain: where these show much more, the errors of the constants do."""
+NEAR_ENOUGH = 40.0
+"""Twice the log of the odds within which terms are refined on all motions: those of the fitted one may be wrong by as
+much where the others show more."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +97,8 @@ class ScoredTerm:
 
     def evidence(self, rows: int) -> float:
         """Twice the log of its odds against nothing, description length counted (BIC), in `rows` lines."""
-        length = 2 * NODE * self.term.complexity + (len(self.amounts) + len(self.shapes)) * np.log(rows)
+        chosen = self.term.complexity + (len(self.amounts) - 1 if self.term.by_channel else 0)
+        length = 2 * NODE * chosen + (len(self.amounts) + len(self.shapes)) * np.log(rows)
         return float(self.score / self.level - length)
 
 
@@ -77,22 +107,26 @@ class HeldOutTerm:
     """A scored term on the motions held out, its amplitudes carried over.
 
     carried    drop of chi-square there by the carried amplitudes, `refitted` that by the best ones
+    together   drop of chi-square on all motions by constants fitted to all of them
     z          its correlation with the residual there over its std: normal without the term
     """
 
     scored: ScoredTerm
     carried: float
     refitted: float
+    together: float
     z: float
 
     @property
     def holds(self) -> bool:
-        """Whether the term with its constant is in the other motion."""
-        return self.z > float(normal_isf(HELD_OUT_LEVEL)) and self.carried > LEAST_CARRIED * self.refitted
+        """Whether the term with its constants is in the other motion, but for their errors."""
+        lost = (self.scored.score + self.refitted - self.together) / self.scored.level
+        same = chi2_sf(max(lost, 0.0), len(self.scored.amounts) + len(self.scored.shapes)) > SAME_CONSTANTS
+        return self.z > float(normal_isf(HELD_OUT_LEVEL)) and (same or self.carried > LEAST_CARRIED * self.refitted)
 
     def evidence(self, rows: int) -> float:
-        """Twice the log of its odds against nothing, on both motions."""
-        return self.scored.evidence(rows) + self.carried / self.scored.level
+        """Twice the log of its odds against nothing, on all motions."""
+        return self.scored.evidence(rows) + (self.together - self.scored.score) / self.scored.level
 
 
 class TermSearch:
@@ -103,86 +137,85 @@ class TermSearch:
     """
 
     def __init__(self, fit: Fit, leaves: Mapping[str, Leaf], ranges: Mapping[str, tuple[float, float]]) -> None:
-        self.fit, self.null_model, self._leaves, self._ranges = fit, NullModel(fit), leaves, ranges
+        self.fit, self.null_model, self._leaves = fit, NullModel(fit), leaves
+        self.grid = ShapeGrid(fit, leaves, ranges)
 
     @cached_property
     def rows(self) -> int:
         """Number of whitened rows in which terms show."""
         return sum(noise.whitener.periodic_rows for noise in self.fit.noise)
 
-    def scored(self, terms: Sequence[Term], announce: CountCallback | None = None) -> tuple[list[ScoredTerm], float]:
-        """The terms at their best shapes, where they show, and the effective number of tests of them all."""
+    def of_motion(self, term: Term) -> bool:
+        """Whether a term follows the motion: of the few others, each half of the false alarms is allowed."""
+        names = term.quantity.leaves & set(self._leaves)
+        signals = frozenset[str]().union(*(self._leaves[name].signals for name in names))
+        return not signals & {"time", *(name for r in self.fit.recordings for name in r.auxiliary)}
+
+    def scored(
+        self, terms: Sequence[Term], announce: CountCallback | None = None
+    ) -> tuple[list[ScoredTerm], dict[bool, float]]:
+        """The terms at their best shapes, where they show; and the effective number of tests, of those with and without
+        motion each as many as count when both are asked."""
         best: dict[Term, ScoredTerm] = {}
-        smallest = np.ones(1)
+        smallest: dict[bool, Array] = {}
         for shapes, batch in counted(self._batches(terms), announce):
             projected = TermColumns(self.null_model, self._leaves, shapes).projected(batch)
             noise, ranks = projected.noise_scores_by_point(), projected.ranks
+            moving = self.of_motion(batch[0])
             for rank in np.unique(ranks[ranks > 0]):
-                smallest = np.minimum(smallest, chi2_sf(noise[ranks == rank].max(axis=0), float(rank)))
+                p_values = chi2_sf(noise[ranks == rank].max(axis=0), float(rank))
+                smallest[moving] = np.minimum(smallest.get(moving, 1.0), p_values)
             for place, term in enumerate(batch):
                 scored = _scored(projected, place, term, shapes)
                 if scored is not None and (term not in best or scored.score > best[term].score):
                     best[term] = scored
-        tests = max(1.0, 0.1 / max(float(np.quantile(smallest, 0.1)), 1e-12))
+        tests = {
+            moving: len(smallest) * max(1.0, 0.1 / max(float(np.quantile(p_values, 0.1)), 1e-12))
+            for moving, p_values in smallest.items()
+        }
         return list(best.values()), tests
 
     def _batches(self, terms: Sequence[Term]) -> list[tuple[Mapping[str, float], list[Term]]]:
         """Terms that are computed together, with the values of the parameters that they are not linear in."""
         space, columns = self.fit.model.space, TermColumns(self.null_model, self._leaves, {})
 
-        def alike(term: Term) -> tuple[str, int, tuple[str, ...], str, tuple[bool, ...]]:
+        def alike(term: Term) -> tuple[str, bool, int, tuple[str, ...], str, tuple[bool, ...]]:
             periodic = tuple(columns.is_periodic(term, number) for number in range(len(self.fit.recordings)))
             shapes = term.shapes(self._leaves)
-            stage = "zero" if term.kind == ZERO else "load"
-            return stage, len(term.amplitudes(space)), shapes, _edge(term) if EDGE in shapes else "", periodic
+            stage = term.kind if term.by_channel else "load"
+            return (
+                stage,
+                self.of_motion(term),
+                len(term.amplitudes(space)),
+                shapes,
+                edge_axis(term) if EDGE in shapes else "",
+                periodic,
+            )
 
         batches: list[tuple[Mapping[str, float], list[Term]]] = []
         for _, group in groupby(sorted(terms, key=alike), key=alike):
             together = list(group)
             names = together[0].shapes(self._leaves)
-            grids = [self._values(name, together[0]) for name in names]
-            for values in product(*grids):
+            for shapes in self.grid.points(names, together[0]):
                 starts = range(0, len(together), TERMS_AT_ONCE)
-                shapes = dict(zip(names, map(float, values), strict=True))
                 batches += [(shapes, together[first : first + TERMS_AT_ONCE]) for first in starts]
         return batches
-
-    def _values(self, name: str, term: Term) -> Array:
-        """Values of a parameter at which a term is scored: to the ends of a range, of an edge within it."""
-        low, high = self._range(name, term)
-        if name in (DISTANCE, WIDTH):
-            return np.linspace(low, high, SEARCHED[name] + 1)[1:]
-        return (
-            np.linspace(low, high, SEARCHED[name] + 2)[1:-1] if name == EDGE else np.linspace(low, high, SEARCHED[name])
-        )
-
-    def _limits(self, name: str) -> tuple[float, float]:
-        """Of a parameter in its refinement. A force far beyond the tool would be a torque."""
-        if name == DISTANCE:
-            return self._ranges[name]
-        return (NARROWEST if name == WIDTH else -np.inf), np.inf
-
-    def _range(self, name: str, term: Term) -> tuple[float, float]:
-        return self._ranges[_edge(term) if name == EDGE else name]
 
     def refined(self, scored: ScoredTerm) -> ScoredTerm:
         """A term with its shapes refined, without amplitudes that are not worth their description."""
         best, names = scored, tuple(scored.shapes)
         if names:
-            low, high = np.array([self._range(name, scored.term) for name in names]).T
             start = np.array([scored.shapes[name] for name in names])
-            step = (high - low) / np.array([SEARCHED[name] for name in names]) / 2
-            simplex = np.vstack(
-                [start, *(start + side * np.diag(step)[i] for i, side in enumerate(_inward(start, low, high)))]
-            )
+            simplex = np.vstack([start, start + np.diag(self.grid.steps(scored.term, scored.shapes))])
 
             def cost(values: Array) -> float:
                 nearby = self._at(scored.term, dict(zip(names, values.tolist(), strict=True)))
                 return 0.0 if nearby is None else -nearby.score
 
-            bounds = [self._limits(name) for name in names]
             options: Any = {"initial_simplex": simplex, "maxfev": REFINEMENTS, "xatol": 1e-4, "fatol": 1e-2}
-            at_best = minimize(cost, start, method="Nelder-Mead", bounds=bounds, options=options).x
+            at_best = minimize(
+                cost, start, method="Nelder-Mead", bounds=self.grid.bounds(scored.shapes), options=options
+            ).x
             best = self._at(scored.term, dict(zip(names, at_best.tolist(), strict=True))) or scored
         while len(best.amounts) > 1:
             fewer = self._without_one(best)
@@ -208,14 +241,43 @@ class TermSearch:
 
     def held_out(self, scored: ScoredTerm) -> tuple[float, float, float]:
         """Drop of chi-square by the amplitudes carried over to this fit's motion, by the best ones, and z."""
-        projected = TermColumns(self.null_model, self._leaves, scored.shapes).projected([scored.term])
-        columns = self.null_model.project_out(self.null_model.spread(projected.columns(0), projected.whitened.choice))
-        predicted = columns @ scored.amounts
-        power, along = float(predicted @ predicted), float(predicted @ self.null_model.residual)
-        if power == 0:
+        information, along_each, projected = self.information(scored)
+        power, along = float(scored.amounts @ information @ scored.amounts), float(along_each @ scored.amounts)
+        if power <= 0:
             return 0.0, float(projected.scores[0]), 0.0
         level = max(projected.test(0).together.noise.mean, 1.0)  # of a single run the noise may be larger there
         return 2 * along - power, float(projected.scores[0]), along / (power * level) ** 0.5
+
+    def information(self, scored: ScoredTerm) -> tuple[Array, Array, ProjectedColumns]:
+        """Inner products (a, a) of a term's columns beside the fit, and (a,) with the residual; and the columns."""
+        projected = TermColumns(self.null_model, self._leaves, scored.shapes).projected([scored.term])
+        columns = self.null_model.project_out(self.null_model.spread(projected.columns(0), projected.whitened.choice))
+        return columns.T @ columns, columns.T @ self.null_model.residual, projected
+
+
+def score_together(searches: Sequence[TermSearch], scored: ScoredTerm, *, refined: bool) -> float:
+    """Drop of chi-square on all motions with the same amplitudes, the best ones; the same shapes `refined`, or kept."""
+
+    def score(shapes: Mapping[str, float]) -> float:
+        each = [search.information(replace(scored, shapes=shapes))[:2] for search in searches]
+        information, along = (sum(parts) for parts in zip(*each, strict=True))
+        return float(along @ np.linalg.pinv(information, rcond=RANK_TOLERANCE**2, hermitian=True) @ along)
+
+    names, start = list(scored.shapes), np.array(list(scored.shapes.values()))
+    if not refined or not names:
+        return score(scored.shapes)
+    simplex = np.vstack([start, start + np.diag(searches[0].grid.steps(scored.term, scored.shapes) / AGAIN)])
+    bounds, most = searches[0].grid.bounds(scored.shapes), REFINEMENTS // 6 * len(names)
+    options: Any = {"initial_simplex": simplex, "maxfev": most, "xatol": 1e-4, "fatol": 1e-2}
+
+    def cost(values: Array) -> float:
+        return -score(dict(zip(names, values.tolist(), strict=True)))
+
+    return -float(minimize(cost, start, method="Nelder-Mead", bounds=bounds, options=options).fun)
+
+
+AGAIN = 10.0
+"""Of the steps in which terms are refined on one motion, those of all motions begin with a part."""
 
 
 def _scored(projected: ProjectedColumns, place: int, term: Term, shapes: Mapping[str, float]) -> ScoredTerm | None:
@@ -228,18 +290,6 @@ def _scored(projected: ProjectedColumns, place: int, term: Term, shapes: Mapping
         term = replace(term, kept=tuple(kept[shows].tolist()))
     roots = (projected.roots[place] / projected.scale[place][:, None])[shows]
     return ScoredTerm(term, shapes, projected.amounts[place][shows], roots @ roots.T, float(projected.scores[place]))
-
-
-def _edge(term: Term) -> str:
-    """The coordinate of a term that begins at an edge."""
-    return next(
-        name.split("_")[1] for name in term.quantity.leaves if name.startswith(("over_", "under_", "onto_", "into_"))
-    )
-
-
-def _inward(start: Array, low: Array, high: Array) -> Array:
-    """Towards the middle of a range, +1 or -1."""
-    return np.where(start > (low + high) / 2, -1.0, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,6 +315,7 @@ def best_term(
 
     Whether it `holds` on the motions held out is still to be asked.
     """
+    all_motions = [search, *held_out]
     scored, tests = search.scored(terms, announce)
     rows = search.rows
     ordered = sorted(scored, key=lambda each: -each.evidence(rows))
@@ -275,16 +326,25 @@ def best_term(
     first = refined[0]
     test = search.test(first)
     level = max(test.together.noise.mean, 1.0)
-    p_value = min(1.0, tests * test.p_value())
+    p_value = min(1.0, tests[search.of_motion(first.term)] * test.p_value())
     if p_value >= LEVELS.effect:
         return None
     judged = []
     for each in refined:
-        parts = np.array([other.held_out(each) for other in held_out])
-        carried, best = parts[:, :2].sum(axis=0)
-        judged.append(
-            HeldOutTerm(replace(each, level=level), carried, best, float(parts[:, 2].sum() / len(parts) ** 0.5))
+        parts, together = (
+            np.array([o.held_out(each) for o in held_out]),
+            score_together(all_motions, each, refined=False),
         )
+        carried, best = parts[:, :2].sum(axis=0)
+        z = float(parts[:, 2].sum() / len(parts) ** 0.5)
+        judged.append(HeldOutTerm(replace(each, level=level), carried, best, together, z))
+    most = max(each.evidence(rows) for each in judged) - NEAR_ENOUGH
+    judged = [
+        replace(each, together=max(each.together, score_together(all_motions, each.scored, refined=True)))
+        if each.evidence(rows) > most
+        else each
+        for each in judged
+    ]
     judged.sort(key=lambda each: -each.evidence(rows))
     winner = judged[0]
     behind = [(each.scored, (winner.evidence(rows) - each.evidence(rows)) / 2) for each in judged[1:]]
@@ -292,17 +352,18 @@ def best_term(
     return FoundTerm(winner, p_value, near)
 
 
-SAME = 1e-6
-"""Relative difference of two terms' scores below which they are one and the same, written differently."""
+SAME = 1e-4
+"""Relative difference of two terms' scores below which they are one and the same, written differently: of a vertical
+constant vector and gravity's direction, each refined to `fatol`."""
 
 
 def _distinct(scored: Sequence[ScoredTerm], rows: int) -> list[ScoredTerm]:
-    """Terms without those that give the same as a simpler one, the best first."""
+    """Terms without those that give the same as one without amplitudes of its own, or a better one; the best first."""
     chosen: list[ScoredTerm] = []
-    for each in sorted(scored, key=lambda one: -one.evidence(rows)):
+    for each in sorted(scored, key=lambda one: (one.term.quantity.has_constant, -one.evidence(rows))):
         same = any(
             len(o.amounts) == len(each.amounts) and abs(o.score - each.score) < SAME * each.score for o in chosen
         )
         if not same:
             chosen.append(each)
-    return chosen
+    return sorted(chosen, key=lambda one: -one.evidence(rows))

@@ -9,7 +9,7 @@ from enum import Enum
 from typing import TYPE_CHECKING, ClassVar
 
 from modeling import symbolic as sp
-from modeling.space import signals
+from modeling.space import Space, signals
 
 if TYPE_CHECKING:
     from modeling.dynamics.motion_record import MotionRecord, ResponsePart
@@ -214,7 +214,7 @@ class Mounting(SymbolicMap):
 
 @dataclass(frozen=True)
 class Gain(SymbolicMap):
-    """reading = matrix · sign · reading, p x p.
+    """reading = matrix · sign · reading, p x p; where the matrix has channels' names as symbols, these are sign · reading.
 
     sign   +1 or -1 per channel: the convention of the readings (and a mirrored axis)
     """
@@ -226,7 +226,10 @@ class Gain(SymbolicMap):
 
     def map(self, reading: sp.Matrix) -> sp.Matrix:
         """matrix · sign · reading."""
-        return self.matrix * sp.diag(*self.sign) * reading
+        signed = sp.diag(*self.sign) * reading
+        channels = next(space.channels for space in Space if len(space.channels) == len(self.sign))
+        loads = dict(zip(signals(*channels), signed, strict=True))
+        return self.matrix.xreplace(loads) * signed
 
     def formula(self, reading: str) -> StageFormula:
         """G reading."""

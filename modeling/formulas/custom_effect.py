@@ -147,7 +147,8 @@ class CustomEffect(Effect):
     tip body  force_x, force_y, force_z (N): the environment's force on the tool along the world's axes, at the point
               `at` (m) along the tip, with position tip_x .. (m) and velocity tip_vx .. (m/s); or the components of
               its wrench in the tool's axes about the sensor origin: fcx, fcy, tauc, or fcx .. tcz
-    gain      `<row>_<column>`: reading row += formula times the true channel column
+    gain      `<row>_<column>`: reading row += formula times the true channel column; the formula may name channels,
+              which are the true loads
     zero      bias fx, fy, tau or fx .. tz: added to the readings last, in any sign convention
 
     Nuisance parameters (grid search) are not identifiable at the nominal values of the others: the effect vanishes.

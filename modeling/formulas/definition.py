@@ -32,7 +32,15 @@ from modeling.formulas.parser import (
     to_sympy,
 )
 from modeling.formulas.units import DIMENSIONLESS, Dimension, dimension, require_unit, unit_of
-from modeling.formulas.vocabulary import FORMULA_STAGES, is_reserved, signal_units, target_units, tip_units, tip_values
+from modeling.formulas.vocabulary import (
+    FORMULA_STAGES,
+    is_reserved,
+    load_units,
+    signal_units,
+    target_units,
+    tip_units,
+    tip_values,
+)
 from modeling.parameter import Parameter, Role
 from modeling.rig_schema import StrictTable, validated
 from modeling.space import Space, signals
@@ -184,7 +192,10 @@ class EffectDefinition:
     @property
     def unit_by_name(self) -> dict[str, str]:
         """Unit by name, steps excluded: parameters, inputs, constants, signals, the point on the tip."""
-        units = self.fixed | dict(self.inputs)
+        units: dict[str, str] = {}
+        for space in Space:
+            units |= load_units(self.stage, space)
+        units |= self.fixed | dict(self.inputs)
         for space in Space:
             units |= {**tip_units(space), **signal_units(space)}
         return units
@@ -277,7 +288,7 @@ class ParsedFormulas:
         definition, suitable = self.definition, []
         given = {*definition.fixed, *dict(definition.inputs)}
         for space in Space:
-            names = {*given, *signal_units(space), *tip_units(space)}
+            names = {*given, *signal_units(space), *tip_units(space), *load_units(definition.stage, space)}
             if self.names <= names and set(self.formulas) <= set(target_units(definition.stage, space)):
                 suitable.append(space)
         return tuple(suitable)

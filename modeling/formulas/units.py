@@ -57,9 +57,9 @@ _SI_EQUIVALENTS: Mapping[str, str] = {
 _NAMES = ("1", "N", "N m", "N/m", "N s/m", "N s²/m²", "N/m²", "N m/rad", "1/m", "1/s", "1/N", "m/s", "m/s²", "kg m")
 """Preferred names of dimensions; others print in kg, m, s, K, A."""
 
-_SUPERSCRIPTS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
+_SUPERSCRIPTS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻ᐟ", "0123456789-:")
 _DIGITS = str.maketrans("0123456789-/", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻ᐟ")
-_TOKEN = re.compile(r"(?P<factor>1(?![0-9])|[A-Za-zµΩ°%]+)(?:\^?(?P<power>-?[0-9]{1,2}))?|(?P<sign>[/()*·]|\s+)")
+_TOKEN = re.compile(r"(?P<factor>1(?![0-9])|[A-Za-zµΩ°%]+)(?:\^?(?P<power>-?[0-9]{1,2})(?::(?P<root>[2-9]))?)?|(?P<sign>[/()*·]|\s+)")
 
 
 @dataclass(frozen=True)
@@ -133,7 +133,7 @@ class _UnitParser:
             if match["sign"]:
                 self._sign(match["sign"].strip(), place)
             else:
-                self._factor(match["factor"], int(match["power"] or 1), place)
+                self._factor(match["factor"], Fraction(int(match["power"] or 1), int(match["root"] or 1)), place)
             place = match.end()
         if self.inside or self.divides:
             raise self._error(len(self.text), "the unit is incomplete", "write it like rad/(N m)")
@@ -149,7 +149,7 @@ class _UnitParser:
         if sign == ")":
             self.divides, self.divided = False, True
 
-    def _factor(self, factor: str, power: int, place: int) -> None:
+    def _factor(self, factor: str, power: Fraction, place: int) -> None:
         if self.divided and not self.divides:
             raise self._error(place, f"it is ambiguous whether '{factor}' divides", "use brackets: 1/(m s)")
         if not 0 < abs(power) <= LARGEST_POWER:

@@ -48,6 +48,11 @@ def tip_units(space: Space) -> Mapping[str, str]:
     return {f"tip_{a}": "m" for a in space.axes} | {f"tip_v{a}": "m/s" for a in space.axes}
 
 
+def load_units(stage: Stage, space: Space) -> Mapping[str, str]:
+    """Unit by name of the loads, before any gain, that a formula of a gain may use: those of the channels."""
+    return space.channel_units if stage is Stage.GAIN else {}
+
+
 def tip_values(chain: Chain, at: sp.Expr) -> dict[str, sp.Expr]:
     """Their expressions for the point at the distance `at` (m) along the tip."""
     motion, point = chain.motion, point_on_tip(chain, at)

@@ -15,6 +15,7 @@ from modeling.effects import named
 from modeling.errors import InputError
 from truewrench.commands.design_request import DesignRequest, plot_path
 from truewrench.commands.results import print_result
+from truewrench.files.effects_file import read_effects
 from truewrench.files.output import atomic_write, progress_line, say
 from truewrench.files.played_motion import write_played
 
@@ -112,7 +113,8 @@ def exciting_plan(request: DesignRequest) -> ExcitingTrajectory:
 def discriminating_plan(request: DesignRequest) -> DiscriminationDesign:
     """The trajectory that discriminates between the two effects of --tell, at the parameters of the model file."""
     asked, values = request.options, request.values
-    effects = {effect.id: effect for effect in request.model.effects}  # custom effects among them
+    custom = () if asked.effects is None else read_effects(asked.effects)
+    effects = {effect.id: effect for effect in (*custom, *request.model.effects)}  # custom effects among them
     one, other = (effects.get(effect_id) or named(effect_id) for effect_id in asked.tell)
     if asked.averaged or asked.criterion != "d":
         what = "--criterion and --averaged do not apply to --tell, which has its own criterion"

@@ -50,11 +50,14 @@ def run(arguments: argparse.Namespace) -> None:
         )
 
     def written() -> list[Path]:
-        files = []
+        files: list[Path] = []
         if arguments.out is not None and discovery.found:
-            with atomic_write(arguments.out) as path:
-                path.write_text(discovery.effects_toml, encoding="utf-8")
-            files.append(arguments.out)
+            others = arguments.out.with_stem(f"{arguments.out.stem}_alternatives")
+            texts = {arguments.out: discovery.effects_toml, others: discovery.alternatives_toml}
+            files = [out for out, text in texts.items() if text]
+            for out in files:
+                with atomic_write(out) as path:
+                    path.write_text(texts[out], encoding="utf-8")
         return files if arguments.report is None else [*files, *write_report(arguments, discovery)]
 
     print_result(arguments, lambda: discovery, discovery.to_data, written)

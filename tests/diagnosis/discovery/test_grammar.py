@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagnosis.discovery.discovery import effect_toml, recorded_leaves
+from diagnosis.discovery.discovery import effect_toml
 from diagnosis.discovery.grammar import Term, terms
-from diagnosis.discovery.quantities import DISTANCE, EDGE, PLACE, WIDTH
+from diagnosis.discovery.leaves import DISTANCE, EDGE, LENGTH, PLACE, RATE, SPEED, TIME, WIDTH, recorded_leaves
 from diagnosis.discovery.term_columns import TermColumns
 from diagnosis.screening.null_model import NullModel, RowSet, WhitenedColumns
 from diagnosis.screening.whitened_sensitivity import GridPoint, score_columns
@@ -22,6 +22,7 @@ from truewrench.files.effects_file import read_effects
 pytest.importorskip("mujoco")
 
 SHAPES = {DISTANCE: 0.13, **dict(zip(PLACE, (2.1, 1.7, 0.4), strict=True)), EDGE: 0.05, WIDTH: 0.3}
+SHAPES |= {SPEED: 0.4, RATE: 1.2, TIME: 3.0, LENGTH: 0.4}
 SAMPLE = 12
 """Terms of each space, drawn with a seed, besides one of every kind."""
 
@@ -34,10 +35,16 @@ def fitted(space: Space) -> Fit:
 def sampled_terms(space: Space, fit_of: Fit) -> list[Term]:
     """One term of every combination of leaves that a short one may have, and some of all."""
     leaves, angles, inputs = recorded_leaves(fit_of, fit_of.recordings)
-    everything = terms(leaves, angles, list(inputs), 6)
+    everything = terms(leaves, angles, list(inputs), space.channels, 6)
     chosen = [everything[place] for place in np.random.default_rng(3).choice(len(everything), SAMPLE, replace=False)]
-    wanted = ("F = c v x w at d", "F = c |n|^-3 n at d", "F = c into_y up at d", "T = h x w", "F = |v| k")
-    return chosen + [term for term in everything if term.formula in wanted]
+    wanted = [
+        *("F = c v x w at d", "F = c |n|^-3 n at d", "F = c into_y up at d", "T = h x w", "F = |v| k"),
+        *("F = c |v|^1.5 v at d", "F = c v_sat at d", "T = c w_drop", "F = c falling_y up at d"),
+        *("zero = c fx", "zero = c fx fy", "zero = c fy^3", "zero = harmonic(q1) fx", "zero = c |w| fx"),
+        "zero = c fading",
+    ]
+    quadratics = [term for term in everything if "quadratic" in term.formula]
+    return chosen + quadratics[:2] + [term for term in everything if term.formula in wanted]
 
 
 @pytest.mark.parametrize("space", Space)
@@ -70,7 +77,7 @@ def test_columns_are_those_of_the_custom_effect(space: Space) -> None:
 def test_all_terms_up_to_a_complexity(space: Space) -> None:
     of = fitted(space)
     leaves, angles, inputs = recorded_leaves(of, of.recordings)
-    shorter, longer = (terms(leaves, angles, list(inputs), size) for size in (4, 5))
+    shorter, longer = (terms(leaves, angles, list(inputs), space.channels, size) for size in (4, 5))
     assert len(set(longer)) == len(longer)
     assert set(shorter) <= set(longer)
     assert {term.complexity for term in shorter if term.complexity > 4} <= {5}  # of a place, or from an edge on
@@ -91,5 +98,7 @@ def test_an_effects_file_gives_the_effect_again(space: Space, tmp_path: Path) ->
 def test_rows_of_a_periodic_term_are_those_of_the_motion() -> None:
     of = fitted(Space.PLANE)
     leaves, angles, inputs = recorded_leaves(of, of.recordings)
-    (drag,) = (term for term in terms(leaves, angles, list(inputs), 3) if term.formula == "F = c v")
+    (drag,) = (
+        term for term in terms(leaves, angles, list(inputs), Space.PLANE.channels, 3) if term.formula == "F = c v"
+    )
     assert TermColumns(NullModel(of), leaves, {}).projected([drag]).whitened.choice == (RowSet.EXCITED,)
