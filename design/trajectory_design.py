@@ -18,8 +18,8 @@ from design.optimiser.interior_point import TerminationStatus
 from design.optimiser.local_optimum import (
     LocalOptimum,
     LocalSearch,
+    continue_start,
     contracted_optimum,
-    local_optimum,
     optimise,
     refine_optimum,
     screen_start,
@@ -66,6 +66,10 @@ REFINED_OPTIMA = 3
 """The best distinct optima that are refined."""
 LOW_HARMONIC_OPTIMA = 2
 """The best distinct optima of few harmonics that are continued with all."""
+CONTINUED_OPTIMA = 4
+"""The same where each start takes long: of six axes any of few harmonics leads to within a few tenths of the best."""
+REFINED_WHEN_SLOW = 2
+"""The best distinct optima that are refined then."""
 DISTINCT_OPTIMA = 2e-3
 """Nats: optima with closer values count as one, up to a symmetry or a shift in time."""
 
@@ -243,12 +247,12 @@ def _search(
 ) -> tuple[LocalOptimum, ...]:
     """Local optima of the task's series, best first; all that is reached is added to `reached` at once."""
     low = low_harmonic_series(task.objective.series)
-    quick = task.direct and task.objective.series.size <= LARGE_SERIES
+    quick = task.second_order and task.objective.series.size <= LARGE_SERIES
     default = DEFAULT_STARTS if low is not None else FEW_HARMONIC_STARTS
     count = starts or (default if quick else STARTS_WHEN_SLOW)
 
     def run(stage: str, of: DesignTask, begin: Sequence[Trajectory], work: LocalSearch) -> tuple[LocalOptimum, ...]:
-        watch = None if progress is None else _watch(stage, len(begin), progress, feasible=work is not screen_start)
+        watch = None if progress is None else _watch(stage, len(begin), progress, feasible=work is refine_optimum)
 
         def note(optimum: LocalOptimum) -> None:
             reached.append(optimum)
@@ -258,18 +262,17 @@ def _search(
         return optimise(of, begin, work=work, executor=executor, progress=note)
 
     low_task = None if low is None else replace(task, objective=replace(task.objective, series=low))
-    if not task.direct:
-        return _searched_by_ipopt(task, low_task, [(seed, number) for number in range(count)], run)
     if low_task is None:
         begin = [_start(task, seed, number, FEW_HARMONIC_NOT_ODD) for number in range(count)]
         screened = run("starts", task, begin, screen_start)
         return run("refinement of the best", task, _best(screened, REFINED_OPTIMA), refine_optimum)
-    coarse = run(
-        "few harmonics",
-        low_task,
-        [_start(low_task, seed, number) for number in range(-(-count // LOW_HARMONIC_STARTS))],
-        screen_start,
-    )
+    low_starts = count if not quick else -(-count // LOW_HARMONIC_STARTS)
+    begin = [_start(low_task, seed, number) for number in range(low_starts)]
+    coarse = run("few harmonics", low_task, begin, screen_start)
+    if not quick:
+        begin = [motion.projected(task.objective.series) for motion in _best(coarse, CONTINUED_OPTIMA)]
+        continued = run("all harmonics", task, begin, continue_start)
+        return run("refinement of the best", task, _best(continued, REFINED_WHEN_SLOW), refine_optimum)
     bases = [motion.projected(task.objective.series) for motion in _best(coarse, LOW_HARMONIC_OPTIMA)]
     mixtures = [
         _mixed(bases[number % len(bases)], task.random((seed, count + number)))
@@ -278,21 +281,6 @@ def _search(
     others = [_start(task, seed, number) for number in range(count - count // 2, count)]
     screened = run("all harmonics", task, [*mixtures, *others], screen_start)
     return run("refinement of the best", task, _best(screened, REFINED_OPTIMA), refine_optimum)
-
-
-StageRunner = Callable[[str, DesignTask, Sequence[Trajectory], LocalSearch], tuple[LocalOptimum, ...]]
-
-
-def _searched_by_ipopt(
-    task: DesignTask, low_task: DesignTask | None, seeds: Sequence[tuple[int, int]], run: StageRunner
-) -> tuple[LocalOptimum, ...]:
-    """Local optima of all starts, with few harmonics where the series has more; then of the best two with all."""
-    randoms = [task.random(seed) for seed in seeds]
-    if low_task is None:
-        return run("starts", task, randoms, local_optimum)
-    coarse = run("few harmonics", low_task, [r.projected(low_task.objective.series) for r in randoms], local_optimum)
-    nearest = [optimum.motion.projected(task.objective.series) for optimum in coarse[:LOW_HARMONIC_OPTIMA]]
-    return run("all harmonics", task, nearest, local_optimum)
 
 
 def _start(task: DesignTask, seed: int, number: int, not_odd: int = NOT_ODD) -> Trajectory:

@@ -10,14 +10,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from design.limits import LimitedQuantity, LimitUse, workspace_sides
+from design.limits import LIMITED_DERIVATIVES, LimitedQuantity, LimitUse, workspace_sides
 from design.optimiser.limit_constraints import LimitConstraints
-from design.optimiser.objective import Objective, ObjectiveDerivatives
+from design.optimiser.objective import (
+    AdjointDerivatives,
+    GraphDerivatives,
+    Objective,
+    ObjectiveDerivatives,
+    SecondOrderDerivatives,
+)
 from design.random_feasible import random_feasible_trajectory
 from design.trajectories.fourier import FreeSeries
 from design.trajectories.trajectory import Trajectory
 from modeling.kinematics.arm import Arm
 from modeling.rig import Limits, Workspace
+from modeling.space import Space
 
 Array = NDArray[np.float64]
 
@@ -88,29 +95,40 @@ class DesignTask:
         return series.rest(motion.derivative(series.instants(self.objective.samples), 0).mean(axis=0))
 
     @property
-    def direct(self) -> bool:
-        """Whether derivatives are exact and all limits linear: then `InteriorPoint` is used, otherwise IPOPT."""
-        return self.objective.exact and (self.workspace is None or not workspace_sides(self.workspace, self.arm))
+    def linear(self) -> bool:
+        """Whether all limits are linear in the coefficients."""
+        return self.workspace is None or not workspace_sides(self.workspace, self.arm)
+
+    @property
+    def second_order(self) -> bool:
+        """Whether exact second derivatives are used: of the planar models' few parameters they cost four gradients."""
+        arm = self.objective.experiment.arm
+        return self.linear and self.objective.exact and arm is not None and arm.space is Space.PLANE
 
     @cached_property
     def derivatives(self) -> ObjectiveDerivatives:
         """Numerical derivatives of the objective, over all samples."""
-        return ObjectiveDerivatives(self.objective)
+        return self._derivatives_of(self.objective)
 
     @cached_property
     def thinned(self) -> ObjectiveDerivatives:
         """The same over as few samples as represent all of them."""
         enough = max(FEWEST_SAMPLES, SAMPLES_PER_FUNCTION * self.objective.series.mixing.shape[1])
-        return (
-            self.derivatives
-            if enough >= self.objective.samples
-            else ObjectiveDerivatives(self.objective.thinned(enough))
-        )
+        if enough >= self.objective.samples or not self.objective.exact:
+            return self.derivatives
+        return self._derivatives_of(self.objective.thinned(enough))
+
+    def _derivatives_of(self, objective: Objective) -> ObjectiveDerivatives:
+        if not objective.exact:
+            return GraphDerivatives(objective)
+        return SecondOrderDerivatives(objective) if self.second_order else AdjointDerivatives(objective)
 
     @cached_property
     def ranking_limits(self) -> LimitConstraints:
-        """The joint limits at enough instants to rank optima."""
-        return LimitConstraints.medium(self.objective.series, self.limits)
+        """The limits at enough instants to rank optima."""
+        return LimitConstraints.medium(
+            self.objective.series, self.limits, arm=self.arm, workspace=self.workspace, tip_length=self.tip_length
+        )
 
     def __getstate__(self) -> dict[str, Any]:
         # Compiled functions are not pickled: they are soon compiled again.
@@ -125,19 +143,21 @@ def contracted_into_limits(task: DesignTask, motion: Trajectory) -> Trajectory |
     if use.worst.use <= 1:
         return motion
     static = task.use(task.towards_rest(motion, 0.0))
-    if static.worst.use > 1:
+    pairs = zip(use.limited_quantities, static.limited_quantities, strict=True)
+    linear = [(moving, posture) for moving, posture in pairs if moving.quantity in LIMITED_DERIVATIVES]
+    if max(posture.use for _, posture in linear) > 1:
         return None
-    contracted = task.towards_rest(motion, _linear_factor(use.limited_quantities, static.limited_quantities))
-    if task.direct and task.use(contracted).worst.use <= 1:
+    contracted = task.towards_rest(motion, _linear_factor(linear))
+    if task.use(contracted).worst.use <= 1:
         return contracted
-    return _bisected(task, motion, use.worst.use)
+    return None if static.worst.use > 1 else _bisected(task, contracted)
 
 
-def _linear_factor(moving: Sequence[LimitedQuantity], static: Sequence[LimitedQuantity]) -> float:
-    """The largest contraction factor about the mean posture for limits that are linear in the trajectory."""
+def _linear_factor(pairs: Sequence[tuple[LimitedQuantity, LimitedQuantity]]) -> float:
+    """The largest contraction factor about the mean posture for limits that are linear: ranges moving, and static."""
     factors = [
         slack / excursion
-        for moved, posture in zip(moving, static, strict=True)
+        for moved, posture in pairs
         for excursion, slack in (
             (moved.high - posture.high, moved.limit[1] - posture.high),
             (posture.low - moved.low, posture.low - moved.limit[0]),
@@ -147,11 +167,11 @@ def _linear_factor(moving: Sequence[LimitedQuantity], static: Sequence[LimitedQu
     return ROUNDING_CONTRACTION * min(factors, default=1.0)
 
 
-def _bisected(task: DesignTask, motion: Trajectory, use: float) -> Trajectory:
+def _bisected(task: DesignTask, motion: Trajectory) -> Trajectory:
     """The contraction by bisection of its factor, for nonlinear limits."""
     low, high = 0.0, 1.0
-    for step in range(CONTRACTION_BISECTIONS):
-        middle = ROUNDING_CONTRACTION / use if step == 0 else (low + high) / 2
+    for _ in range(CONTRACTION_BISECTIONS):
+        middle = (low + high) / 2
         inside = task.use(task.towards_rest(motion, middle)).worst.use <= 1
         low, high = (middle, high) if inside else (low, middle)
         if high - low < CONTRACTION_ACCURACY:

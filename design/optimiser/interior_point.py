@@ -1,29 +1,20 @@
-"""Primal-dual interior-point method for an exact objective in a polytope."""
+"""Primal-dual interior-point method for an objective within limits."""
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from enum import Enum
-from typing import Any
 
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
-from design.optimiser.limit_constraints import LimitConstraints, Polytope
-from design.optimiser.objective import Objective, ObjectiveDerivatives
+from design.optimiser.limit_constraints import LimitRows
+from design.optimiser.objective import Expansion, ObjectiveDerivatives
 
 Array = NDArray[np.float64]
-
-OPTIMALITY_TOLERANCE = 1e-6
-"""Of the optimality conditions, in nats: negligible in numbers of measurements."""
-ACCEPTABLE_TOLERANCE = 1e-4
-"""Tolerance that is accepted when there is no improvement for some iterations."""
-_SOLVER_LOCK = threading.Lock()
-"""IPOPT's linear solver (MUMPS) has process-wide state: threads take turns."""
 
 
 class TerminationStatus(Enum):
@@ -37,15 +28,6 @@ class TerminationStatus(Enum):
     INTERRUPTED = "interrupted: the best so far, which a whole search may exceed"
 
 
-_STATUS = {
-    "Solve_Succeeded": TerminationStatus.CONVERGED,
-    "Solved_To_Acceptable_Level": TerminationStatus.CONVERGED,
-    "Maximum_Iterations_Exceeded": TerminationStatus.ITERATIONS,
-    "Infeasible_Problem_Detected": TerminationStatus.INFEASIBLE,
-    "Restoration_Failed": TerminationStatus.INFEASIBLE,
-}
-
-
 @dataclass(frozen=True, eq=False)
 class OptimiserSolution:
     """Coefficients (k,), termination status and number of evaluations of the criterion."""
@@ -53,57 +35,6 @@ class OptimiserSolution:
     coefficients: Array
     outcome: TerminationStatus
     evaluations: int
-
-
-@dataclass(frozen=True, eq=False)
-class NonlinearProgram:
-    """minimise f(x) within low <= g(x) <= high, from x = start.
-
-    `hessian` is the upper triangle of f's second derivative times `factor` and of g's in the multipliers, or None.
-    """
-
-    x: Any
-    f: Any
-    g: Any
-    low: Array
-    high: Array
-    start: Array
-    hessian: Any = None
-
-    def solve(self, *, iterations: int, warm: bool) -> OptimiserSolution:
-        """By IPOPT; `warm`: the start is nearly the solution, and the barrier parameter starts small."""
-        program = {"x": self.x, "f": self.f, "g": self.g}
-        solver = ca.nlpsol("design", "ipopt", program, self._options(iterations, warm))
-        with _SOLVER_LOCK:
-            solution = solver(x0=self.start, lbg=self.low, ubg=self.high)
-        stats: Mapping[str, Any] = solver.stats()
-        return OptimiserSolution(
-            coefficients=np.array(solution["x"]).ravel(),
-            outcome=_STATUS.get(stats["return_status"], TerminationStatus.FAILED),
-            evaluations=int(stats["n_call_nlp_f"]),
-        )
-
-    def _options(self, iterations: int, warm: bool) -> dict[str, Any]:
-        options: dict[str, Any] = {"print_time": False, "show_eval_warnings": False, "ipopt.print_level": 0}
-        options |= {"ipopt.sb": "yes", "ipopt.tol": OPTIMALITY_TOLERANCE, "ipopt.acceptable_tol": ACCEPTABLE_TOLERANCE}
-        options |= {"ipopt.max_iter": iterations}
-        if warm:
-            options |= {"ipopt.mu_init": 1e-4, "ipopt.bound_push": 1e-4, "ipopt.bound_frac": 1e-4}
-        if self.hessian is None:
-            return options | {"ipopt.hessian_approximation": "limited-memory"}
-        return options | {"hess_lag": self.hessian}
-
-
-def limit_constrained_program(objective: Objective, rows: LimitConstraints, start: Array) -> NonlinearProgram:
-    """Maximise the objective within the constraints, from coefficients (k,) that need not be feasible."""
-    z = ca.MX.sym("z", objective.series.size)
-    limits, low, high = rows.graph(z)
-    hessian = None
-    if objective.exact:
-        factor, multipliers = ca.MX.sym("factor"), ca.MX.sym("multipliers", limits.numel())
-        whole = ca.triu(rows.curvature(z, multipliers) - factor * objective.hessian(z))
-        hessian = ca.Function("nlp_hess_l", [z, ca.MX.sym("none", 0), factor, multipliers], [whole])
-    return NonlinearProgram(z, -objective.graph(z), limits, low, high, start, hessian)
 
 
 BARRIER_FACTOR = 0.2
@@ -126,74 +57,128 @@ CURVATURE_FLOOR = 1e-8
 """Of the largest curvature: along directions with less the step is no longer than with this."""
 
 
+REMEMBERED_STEPS = 6
+"""Steps of a limited-memory curvature: 6, 20 and 80 took as many iterations to the same optima (seven joints)."""
+LEAST_CURVATURE = 1e-8
+"""Of the product of a step and the gradient's change: a step with less along it says nothing of a convex curvature."""
+STALLED_STEPS = 10
+"""Steps without exact second derivatives over which a barrier problem has to gain, or it counts as solved."""
+STALLED_GAIN = 0.01
+"""Nats that it has to gain: by ten times as many steps a hundredth of a nat more is found."""
+
+
 @dataclass(frozen=True, eq=False)
 class PrimalDualPoint:
-    """Coefficients (k,), the criterion there, slacks (2, R) and Lagrange multipliers (2, R)."""
+    """Coefficients (k,), the objective about them, slacks (2, R) and Lagrange multipliers (2, R)."""
 
     z: Array
-    value: float
+    objective: Expansion
     slack: Array
     dual: Array
 
     def barrier(self, mu: float) -> float:
         """The objective of the barrier problem, to be minimised."""
-        return -self.value - mu * float(np.log(self.slack).sum())
+        return -self.objective.value - mu * float(np.log(self.slack).sum())
+
+
+@dataclass(frozen=True, eq=False)
+class LimitedMemory:
+    """A positive definite curvature (k, k) from the last steps and the changes of gradient along them (BFGS).
+
+    Before the steps it is a multiple of one that has the last step's curvature (Nocedal and Wright 2006, section 7.2):
+    directions in which nothing was seen move as far as the last one did.
+    """
+
+    pairs: deque[tuple[Array, Array]] = field(default_factory=lambda: deque(maxlen=REMEMBERED_STEPS))
+
+    def remember(self, step: Array, change: Array) -> None:
+        """A step (k,) and the gradient's change (k,) along it, unless the curvature along it is not positive."""
+        if step @ change > LEAST_CURVATURE * np.linalg.norm(step) * np.linalg.norm(change):
+            self.pairs.append((step, change))
+
+    def matrix(self, slope: Array) -> Array:
+        """(k, k); before the first step the size of the gradient `slope` (k,): a step of length one."""
+        size = len(slope)
+        if not self.pairs:
+            return float(np.linalg.norm(slope)) * np.eye(size)
+        step, change = self.pairs[-1]
+        matrix = float(step @ change) / float(step @ step) * np.eye(size)
+        for step, change in self.pairs:
+            pushed = matrix @ step
+            matrix += np.outer(change, change) / (step @ change) - np.outer(pushed, pushed) / (step @ pushed)
+        return matrix
 
 
 @dataclass(frozen=True, eq=False)
 class InteriorPoint:
-    """maximise f(z) within a polytope, from a strictly feasible z, by a primal-dual interior-point method.
+    """maximise f(z) within limits -1 <= c(z) <= 1, from a strictly feasible z, by a primal-dual interior-point method.
 
-    For slacks s = 1 -+ (A z - middle) and multipliers y the optimality conditions of the barrier problem are
+    For slacks s = 1 -+ c, A the slope of c and multipliers y the optimality conditions of the barrier problem are
     -f'(z) + A'(y_high - y_low) = 0 and s y = mu. Newton's step, with y eliminated, solves
 
-        (-f''(z) + A' diag(y / s) A) dz = f'(z) - A'(mu / s_high - mu / s_low),
+        (H + A' diag(y / s) A) dz = f'(z) - A'(mu / s_high - mu / s_low),
 
-    k equations whatever the number of rows. Where the matrix is not positive definite its eigenvalues are replaced by
-    their absolute values, so that the step is a descent direction (Gill, Murray and Wright 1981, section 4.4.2.1).
-    Steps are halved until the barrier problem's value decreases enough; mu follows Waechter and Biegler (2006).
+    k equations whatever the number of rows. H is -f''(z) where the objective has it (all limits are linear then), else
+    what the last steps say of the curvature of f and of nonlinear limits. Where the matrix is not positive definite its
+    eigenvalues are replaced by their absolute values, so that the step is a descent direction (Gill, Murray and Wright
+    1981, section 4.4.2.1). Steps are halved until the barrier problem's value decreases enough; mu follows Waechter and
+    Biegler (2006).
     """
 
     derivatives: ObjectiveDerivatives
-    polytope: Polytope
+    limits: LimitRows
 
     def solve(self, start: Array, *, first: float, last: float, iterations: int) -> OptimiserSolution:
         """From z (k,) inside; the barrier parameters mu, in nats, go from the first to the last.
 
         The active constraints (some dozens) leave about mu each to be gained.
         """
-        slack, mu, evaluations = self.polytope.slack(start), first, 1
-        point = PrimalDualPoint(start, self.derivatives.value(start), slack, mu / slack)
+        slack, mu, evaluations = self.limits.slack(start), first, 1
+        point = PrimalDualPoint(start, self.derivatives.at(start), slack, mu / slack)
+        polytope, memory = self.limits.about(start), LimitedMemory()
+        barriers = list[float]()
         for _ in range(iterations):
-            gradient, hessian = self.derivatives.second_order(point.z)
-            stationarity = self.polytope.pushed(point.dual) - gradient
-            mu = _next_barrier(mu, last, point, stationarity)
-            if mu <= last and _error(point, stationarity, mu) <= BARRIER_TOLERANCE * mu:
+            gradient, hessian = point.objective.gradient, point.objective.hessian
+            stationarity = polytope.pushed(point.dual) - gradient
+            barriers.append(point.barrier(mu))
+            stalled = hessian is None and _stalled(barriers)
+            barrier = mu
+            mu = _lower(mu, last) if stalled else _next_barrier(mu, last, point, stationarity)
+            solved = (stalled and barrier <= last) or _error(point, stationarity, mu) <= BARRIER_TOLERANCE * mu
+            if mu <= last and solved:
                 return OptimiserSolution(point.z, TerminationStatus.CONVERGED, evaluations)
-            slope = self.polytope.pushed(mu / point.slack) - gradient
-            step = newton_descent_step(self.polytope.gram(point.dual / point.slack) - hessian, slope)
-            moved, tried = self._line_search(point, step, float(slope @ step), mu)
+            barriers = barriers if mu == barrier else []
+            slope = polytope.pushed(mu / point.slack) - gradient
+            curvature = memory.matrix(slope) if hessian is None else -hessian
+            step = newton_descent_step(polytope.gram(point.dual / point.slack) + curvature, slope)
+            moved, tried = self._line_search(point, polytope.change(step), step, float(slope @ step), mu)
             evaluations += tried
             if moved is None:
                 return OptimiserSolution(point.z, TerminationStatus.FAILED, evaluations)
+            before, polytope = polytope, self.limits.about(moved.z)
+            if hessian is None:
+                bent = polytope.pushed(moved.dual) - before.pushed(moved.dual)
+                memory.remember(moved.z - point.z, bent - moved.objective.gradient + gradient)
             point = moved
         return OptimiserSolution(point.z, TerminationStatus.ITERATIONS, evaluations)
 
     def _line_search(
-        self, point: PrimalDualPoint, step: Array, slope: float, mu: float
+        self, point: PrimalDualPoint, change: Array, step: Array, slope: float, mu: float
     ) -> tuple[PrimalDualPoint | None, int]:
         """The point after the longest of t, t/2, t/4 .. of the step with Armijo decrease, and how many were tried."""
-        change = self.polytope.change(step)
         change = np.stack([-change, change])
         dual_step = mu / point.slack - point.dual * (1 + change / point.slack)
         before, length, tried = point.barrier(mu), _longest(point.slack, change), 0
         while length > SHORTEST_STEP:
-            z, slack, tried = point.z + length * step, point.slack + length * change, tried + 1
-            dual = point.dual + _longest(point.dual, dual_step) * dual_step
-            dual = np.clip(dual, mu / (MULTIPLIER_SPREAD * slack), MULTIPLIER_SPREAD * mu / slack)
-            moved = PrimalDualPoint(z, self.derivatives.value(z), slack, dual)
-            if moved.barrier(mu) <= before + ARMIJO_SHARE * length * slope + BARRIER_ROUNDING * abs(before):
-                return moved, tried
+            z = point.z + length * step
+            slack = point.slack + length * change if self.limits.places is None else self.limits.slack(z)
+            if slack.min() > 0:
+                tried += 1
+                dual = point.dual + _longest(point.dual, dual_step) * dual_step
+                dual = np.clip(dual, mu / (MULTIPLIER_SPREAD * slack), MULTIPLIER_SPREAD * mu / slack)
+                moved = PrimalDualPoint(z, self.derivatives.at(z), slack, dual)
+                if moved.barrier(mu) <= before + ARMIJO_SHARE * length * slope + BARRIER_ROUNDING * abs(before):
+                    return moved, tried
             length /= 2
         return None, tried
 
@@ -214,8 +199,17 @@ def newton_descent_step(matrix: Array, slope: Array) -> Array:
 def _next_barrier(mu: float, last: float, point: PrimalDualPoint, stationarity: Array) -> float:
     """The barrier parameter, decreased as long as its problem is solved."""
     while mu > last and _error(point, stationarity, mu) <= BARRIER_TOLERANCE * mu:
-        mu = max(last, min(BARRIER_FACTOR * mu, mu**BARRIER_POWER))
+        mu = _lower(mu, last)
     return mu
+
+
+def _lower(mu: float, last: float) -> float:
+    return max(last, min(BARRIER_FACTOR * mu, float(mu**BARRIER_POWER)))
+
+
+def _stalled(barriers: Sequence[float]) -> bool:
+    """Whether the last steps of one barrier problem, by its values to be minimised, gained too little."""
+    return len(barriers) > STALLED_STEPS and barriers[-1 - STALLED_STEPS] - barriers[-1] < STALLED_GAIN
 
 
 def _error(point: PrimalDualPoint, stationarity: Array, mu: float) -> float:

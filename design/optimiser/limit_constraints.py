@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any, Self
+from functools import cached_property, lru_cache
+from typing import Protocol, Self
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from design.limits import workspace_sides
+from design.optimiser.objective import SampledFunction
 from design.trajectories.trajectory import TrajectorySeries
 from modeling.kinematics.arm import Arm
 from modeling.rig import Limits, Workspace
@@ -68,31 +69,128 @@ class Polytope:
             total[block.square] += scaled.T @ scaled
         return total
 
-    def reach(self, static: Array, z: Array, margin: float) -> float | None:
-        """The largest f up to 1 for which static + f (z - static) leaves a share `margin` of the slacks of `static`.
 
-        None where `static` (k,) is not inside itself.
+class PlaceMeasure(Protocol):
+    """Functions c (S) of the joints' positions that are limited."""
+
+    def values(self, q: Array) -> Array:
+        """(N, S) at positions (N, n)."""
+        ...
+
+    def slopes(self, q: Array) -> Array:
+        """(N, S, n): their derivatives at positions (N, n)."""
+        ...
+
+
+@dataclass(frozen=True)
+class TipCoordinates:
+    """Coordinates of the tip by index in the world, m."""
+
+    arm: Arm
+    tip_length: float
+    index: tuple[int, ...]
+
+    def values(self, q: Array) -> Array:
+        """(N, S) at positions (N, n)."""
+        return _tip_functions(self, len(q))[0](q.T)[:, 0].T
+
+    def slopes(self, q: Array) -> Array:
+        """(N, S, n) at positions (N, n)."""
+        return _tip_functions(self, len(q))[1](q.T).transpose(2, 0, 1)
+
+
+@lru_cache(maxsize=16)
+def _tip_functions(tip: TipCoordinates, count: int) -> tuple[SampledFunction, SampledFunction]:
+    """Functions of q (n,) at so many instants: the coordinates (S,), and their slopes (S, n)."""
+    q = ca.SX.sym("q", tip.arm.joints)
+    place = ca.densify(tip.arm.tip(tip.tip_length)(q)[list(tip.index)])
+    slopes = ca.densify(ca.jacobian(place, q))
+    functions = ca.Function("tip", [q], [place]), ca.Function("slopes", [q], [slopes])
+    return SampledFunction(functions[0], count), SampledFunction(functions[1], count)
+
+
+@dataclass(frozen=True, eq=False)
+class PlaceRows:
+    """Limits -1 <= (c(q) - middle) / half <= 1 of S functions of the joints' positions, at T instants.
+
+    measure   c (N, S) and its slopes (N, S, n) of positions (N, n)
+    basis     (T, n, k): positions by coefficient
+    """
+
+    measure: PlaceMeasure
+    basis: Array
+    middle: Array
+    half: Array
+
+    def value(self, z: Array) -> Array:
+        """The rows (T S,) at z (k,)."""
+        return np.asarray(((self.measure.values(self.basis @ z) - self.middle) / self.half).ravel())
+
+    def about(self, z: Array, place: slice) -> JointBlock:
+        """Their linear expansion about z (k,)."""
+        slopes = self.measure.slopes(self.basis @ z) / self.half[:, None]
+        matrix = (slopes @ self.basis).reshape(-1, len(z))
+        return JointBlock(np.arange(len(z)), matrix, matrix @ z - self.value(z), place)
+
+
+@dataclass(frozen=True, eq=False)
+class LimitRows:
+    """-1 <= c(z) <= 1: the joints' limits, a polytope, and those of places that follow from the joints' positions."""
+
+    joints: Polytope
+    places: PlaceRows | None = None
+
+    def __len__(self) -> int:
+        return len(self.joints) if self.places is None else len(self.joints) + self._count
+
+    @property
+    def _count(self) -> int:
+        assert self.places is not None
+        return len(self.places.basis) * len(self.places.half)
+
+    def slack(self, z: Array) -> Array:
+        """(2, R): the slacks to the high and to the low limits at z (k,); positive inside."""
+        slack = self.joints.slack(z)
+        if self.places is None:
+            return slack
+        value = self.places.value(z)
+        return np.hstack([slack, np.stack([1 - value, 1 + value])])
+
+    def about(self, z: Array) -> Polytope:
+        """The limits expanded linearly about z (k,)."""
+        if self.places is None:
+            return self.joints
+        place = slice(len(self.joints), len(self))
+        return Polytope((*self.joints.blocks, self.places.about(z, place)), self.joints.size)
+
+    def reach(self, static: Array, z: Array, margin: float) -> float | None:
+        """A large f up to 1 for which static + f (z - static) leaves a share `margin` of the slacks of `static`.
+
+        The largest where all limits are linear. None where `static` (k,) is not inside itself.
         """
         slack = self.slack(static)
         if slack.min() <= 0:
             return None
-        used = (slack - self.slack(z)) / slack
-        return float(min(1.0, (1 - margin) / max(float(used.max()), 1 - margin)))
+        linear = slack[:, : len(self.joints)]
+        used = float(((linear - self.joints.slack(z)) / linear).max())
+        share = min(1.0, (1 - margin) / max(used, 1 - margin))
+        while self.places is not None and (self.slack(static + share * (z - static)) < margin * slack).any():
+            share *= SHRINKING
+        return share
 
+
+SHRINKING = 0.9
+"""Factor by which a start is shrunk until it is inside limits that are not linear."""
 
 Instants = dict[tuple[int, int], Array]
 
-COARSE_INSTANTS = 4
-"""Instants per basis function of a smooth series: eight to the shortest wave, between which a limit is exceeded by up
-to 1 / cos(pi / 8) - 1 = 8 % (which the optimum exploits), so that the ranking of optima is not the final one."""
 MEDIUM_INSTANTS = 8
-"""The same for ranking optima: 16 to the shortest wave leave 2 %."""
+"""Instants per basis function of a smooth series, for ranking optima: 16 to the shortest wave, between which a limit is
+exceeded by up to 1 / cos(pi / 16) - 1 = 2 %."""
 FINE_INSTANTS = 16
 """The same where a limit is nearly reached: 0.5 % at most."""
-COARSE_PER_PIECE = 1
-"""Coarse instants per piece of a spline: its highest derivative has its extremes at the knots."""
 MEDIUM_PER_PIECE = 2
-"""Medium instants per piece of a spline."""
+"""Medium instants per piece of a spline: its highest derivative has its extremes at the knots."""
 FINE_PER_PIECE = 4
 """Fine instants per piece of a spline."""
 TIP_MARGIN = 0.01
@@ -101,7 +199,7 @@ their limits moves the tip by millimetres, not always inwards."""
 LARGEST_MARGIN_SHARE = 0.01
 """The margin is no more than this share of the workspace's half width, so that a narrow one stays."""
 NEAR_LIMIT = 0.8
-"""Share of a limit above which it is imposed at the fine instants; elsewhere at the coarse ones."""
+"""Share of a limit above which it is imposed at the fine instants; elsewhere at the medium ones."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -121,57 +219,43 @@ class LimitConstraints:
     tip_length: float = 0.0
 
     @classmethod
-    def coarse(
+    def medium(
         cls,
         series: TrajectorySeries,
         limits: Limits,
         *,
-        arm: Arm | None,
-        workspace: Workspace | None,
-        tip_length: float | None,
+        arm: Arm | None = None,
+        workspace: Workspace | None = None,
+        tip_length: float | None = None,
     ) -> Self:
-        """All limits at a few equally spaced instants."""
-        few = _instants(series)[0]
+        """All limits at equally spaced instants that are enough to rank optima."""
+        some = _instants(series)[0]
         return cls(
             series=series,
             limits=limits,
-            instants={(order, j): few for order in limited_orders(limits) for j in range(series.joints)},
-            tip=few,
+            instants={(order, j): some for order in limited_orders(limits) for j in range(series.joints)},
+            tip=some,
             arm=arm,
             workspace=workspace if workspace is not None and workspace_sides(workspace, arm) else None,
             tip_length=tip_length or 0.0,
         )
 
-    @classmethod
-    def medium(cls, series: TrajectorySeries, limits: Limits) -> Self:
-        """The joint limits at equally spaced instants that are enough to rank optima."""
-        some = _instants(series)[1]
-        instants = {(order, j): some for order in limited_orders(limits) for j in range(series.joints)}
-        return cls(series=series, limits=limits, instants=instants, tip=some)
-
     def refined(self, coefficients: Array) -> Self:
         """With all fine instants at which the trajectory is near a limit, and those of its extremes beyond it."""
-        fine = _instants(self.series)[2]
+        fine = _instants(self.series)[1]
         instants = {key: _more(times, fine, self._use(coefficients, key, fine)) for key, times in self.instants.items()}
         return replace(self, instants=instants, tip=_more(self.tip, fine, self._tip_use(coefficients, fine)))
 
-    def graph(self, z: Any) -> tuple[Any, Array, Array]:
-        """CasADi expression (R,) of the coefficients z (k,), with its low (R,) and high (R,)."""
-        tip, low, high = self._tip(z)
-        linear = ca.vertcat(*[ca.DM(b.matrix) @ z[b.moving.tolist()] - ca.DM(b.middle) for b in self.polytope.blocks])
-        ends = np.ones(linear.numel())
-        places = len(self.tip)
-        return (
-            ca.vertcat(linear, ca.vec(tip)),
-            np.concatenate([-ends, np.tile(low, places)]),
-            np.concatenate([ends, np.tile(high, places)]),
-        )
-
-    def curvature(self, z: Any, multipliers: Any) -> Any:
-        """Second derivative (k, k) of the rows, summed with multipliers (R,): only the tip's rows are nonlinear."""
-        tip = ca.vec(self._tip(z)[0])
-        of_tip = multipliers[multipliers.numel() - tip.numel() :]
-        return ca.hessian(ca.dot(of_tip, tip), z)[0] if tip.numel() else ca.MX(z.numel(), z.numel())
+    @cached_property
+    def rows(self) -> LimitRows:
+        """The limits at the instants."""
+        if self.workspace is None or self.arm is None:
+            return LimitRows(self.polytope)
+        index, low, high = workspace_box(self.workspace, self.arm)
+        half = (high - low) / 2
+        half = half - np.minimum(TIP_MARGIN, LARGEST_MARGIN_SHARE * half)
+        tip = TipCoordinates(self.arm, self.tip_length, tuple(index))
+        return LimitRows(self.polytope, PlaceRows(tip, self.series.basis(self.tip, 0), (low + high) / 2, half))
 
     @cached_property
     def polytope(self) -> Polytope:
@@ -193,17 +277,6 @@ class LimitConstraints:
                 matrices.append(self.series.functions(times, order) @ mixing / half[j])
                 middles.append(np.full(len(times), middle[j] / half[j]))
         return np.vstack(matrices), np.concatenate(middles)
-
-    def _tip(self, z: Any) -> tuple[Any, Array, Array]:
-        """CasADi expression of the tip's limited coordinates (S, len(tip)), with the box low (S,) and high (S,), m."""
-        if self.workspace is None or self.arm is None:
-            return ca.MX.zeros(0, 1), np.zeros(0), np.zeros(0)
-        index, low, high = workspace_box(self.workspace, self.arm)
-        middle, half = (low + high) / 2, (high - low) / 2
-        half = half - np.minimum(TIP_MARGIN, LARGEST_MARGIN_SHARE * half)
-        basis = self.series.basis(self.tip, 0).reshape(-1, self.series.size)
-        q = ca.reshape(ca.sparsify(ca.DM(basis)) @ z, self.series.joints, len(self.tip))
-        return self.arm.tip(self.tip_length).map(len(self.tip))(q)[index, :], middle - half, middle + half
 
     def _use(self, coefficients: Array, key: tuple[int, int], times: Array) -> Array:
         order, joint = key
@@ -239,15 +312,12 @@ def workspace_box(workspace: Workspace, arm: Arm | None) -> tuple[list[int], Arr
     return [index for index, _ in stated], low, high
 
 
-def _instants(series: TrajectorySeries) -> tuple[Array, Array, Array]:
-    """Coarse, medium and fine instants, s."""
+def _instants(series: TrajectorySeries) -> tuple[Array, Array]:
+    """Medium and fine instants, s."""
     functions, pieces = series.mixing.shape[1], len(series.breaks) - 1
     if pieces > functions / 2:
-        counts = (COARSE_PER_PIECE * pieces, MEDIUM_PER_PIECE * pieces, FINE_PER_PIECE * pieces)
-    else:
-        counts = (COARSE_INSTANTS * functions, MEDIUM_INSTANTS * functions, FINE_INSTANTS * functions)
-    coarse, medium, fine = map(series.instants, counts)
-    return coarse, medium, fine
+        return series.instants(MEDIUM_PER_PIECE * pieces), series.instants(FINE_PER_PIECE * pieces)
+    return series.instants(MEDIUM_INSTANTS * functions), series.instants(FINE_INSTANTS * functions)
 
 
 def _more(times: Array, fine: Array, use: Array) -> Array:

@@ -1,9 +1,9 @@
-"""Local optimum that one start leads to: by the interior-point method where it applies, else by IPOPT."""
+"""Local optimum that one start leads to, by the interior-point method."""
 
 from __future__ import annotations
 
 import pickle
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, Future, as_completed
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -12,13 +12,8 @@ from time import perf_counter
 import numpy as np
 
 from design.optimiser.design_task import DesignTask, contracted_into_limits
-from design.optimiser.interior_point import (
-    InteriorPoint,
-    OptimiserSolution,
-    TerminationStatus,
-    limit_constrained_program,
-)
-from design.optimiser.limit_constraints import LimitConstraints, Polytope
+from design.optimiser.interior_point import InteriorPoint, OptimiserSolution, TerminationStatus
+from design.optimiser.limit_constraints import LimitConstraints, LimitRows
 from design.optimiser.objective import ObjectiveDerivatives
 from design.trajectories.trajectory import Trajectory
 from modeling.errors import InputError
@@ -37,7 +32,8 @@ which leads away from saddles and narrow optima (measured: a third gain up to 0.
 RANKING_BARRIER = 1e-4
 """The same of the solution that follows, by which optima are ranked."""
 FINAL_BARRIER = 1e-5
-"""The same for the final value."""
+"""The same for the final value, with exact second derivatives; without them the ranking's, which a tenth of the
+iterations reach: some hundred limits that press leave a hundredth of a nat."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +50,8 @@ class StartQuality:
 
 RANDOM_START = StartQuality(barrier=3.0, margin=0.05)
 """A barrier of 10 attracts most random starts to one optimum, and with 1 they take twice as long."""
+CONTINUED = StartQuality(barrier=30.0, margin=0.02)
+"""An optimum of few harmonics, to be continued with all: with 0.3 twice as many iterations, with 300 four times."""
 NEAR_OPTIMUM = StartQuality(barrier=0.3, margin=0.02)
 """Near an optimum of other constraints."""
 AT_OPTIMUM = StartQuality(barrier=0.1, margin=1e-3)
@@ -79,18 +77,29 @@ class LocalOptimum:
 def screen_start(task: DesignTask, start: Trajectory) -> LocalOptimum:
     """The approximate local optimum of a start, for ranking: within its limits at some instants, value to 1e-2.
 
-    For tasks that are `direct`. Raises InputError when no static posture of the series is within the limits.
+    Raises InputError when no static posture of the series is within the limits.
     """
-    begun, limits = perf_counter(), task.ranking_limits.polytope
-    rough = _solved(task, task.thinned, limits, start, RANDOM_START, last=ROUGH_BARRIER)
-    motion = Trajectory(start.series, rough.coefficients)
-    solution = _solved(task, task.thinned, limits, motion, NEAR_OPTIMUM, last=RANKING_BARRIER)
-    motion, evaluations = Trajectory(start.series, solution.coefficients), rough.evaluations + solution.evaluations
+    return _screened(task, start, ((RANDOM_START, ROUGH_BARRIER), (NEAR_OPTIMUM, RANKING_BARRIER)))
+
+
+def continue_start(task: DesignTask, start: Trajectory) -> LocalOptimum:
+    """The same from an optimum of a series with fewer harmonics."""
+    return _screened(task, start, ((CONTINUED, RANKING_BARRIER),))
+
+
+def _screened(task: DesignTask, start: Trajectory, solutions: Sequence[tuple[StartQuality, float]]) -> LocalOptimum:
+    """By solutions one after the other, each with what is expected of its start and its last barrier parameter."""
+    begun, limits, motion, evaluations = perf_counter(), task.ranking_limits.rows, start, 0
+    outcome = TerminationStatus.FAILED
+    for quality, last in solutions:
+        solution = _solved(task, task.thinned, limits, motion, quality, last=last)
+        motion, outcome = Trajectory(start.series, solution.coefficients), solution.outcome
+        evaluations += solution.evaluations
     return LocalOptimum(
         motion=motion,
         value=task.objective.value(motion.coefficients),
         contraction_loss=0.0,
-        outcome=solution.outcome,
+        outcome=outcome,
         evaluations=evaluations,
         seconds=perf_counter() - begun,
     )
@@ -103,8 +112,6 @@ def local_optimum(task: DesignTask, start: Trajectory) -> LocalOptimum:
     contraction into them costs less than `CONTRACTION_TOLERANCE`. The result is the best trajectory of all rounds, the
     contracted start included. Raises InputError when none is feasible.
     """
-    if not task.direct:
-        return _by_ipopt(task, start)
     screened = screen_start(task, start)
     refined = refine_optimum(task, screened.motion)
     return replace(refined, evaluations=refined.evaluations + screened.evaluations)
@@ -115,7 +122,8 @@ def refine_optimum(task: DesignTask, start: Trajectory) -> LocalOptimum:
 
     def solve(rows: LimitConstraints, motion: Trajectory, round_: int) -> OptimiserSolution:
         quality = NEAR_OPTIMUM if round_ == 0 else AT_OPTIMUM
-        return _solved(task, task.derivatives, rows.polytope, motion, quality, last=FINAL_BARRIER)
+        last = FINAL_BARRIER if task.second_order else RANKING_BARRIER
+        return _solved(task, task.derivatives, rows.rows, motion, quality, last=last)
 
     return _refined(task, start, task.ranking_limits.refined(start.coefficients), solve, NEGLIGIBLE_GAIN)
 
@@ -123,35 +131,22 @@ def refine_optimum(task: DesignTask, start: Trajectory) -> LocalOptimum:
 def _solved(
     task: DesignTask,
     derivatives: ObjectiveDerivatives,
-    polytope: Polytope,
+    limits: LimitRows,
     start: Trajectory,
     quality: StartQuality,
     *,
     last: float,
 ) -> OptimiserSolution:
     """The interior-point solution from a start that is contracted until it is strictly feasible."""
-    first = quality.barrier / (2 * len(polytope))
+    first = quality.barrier / (2 * len(limits))
     for static in (task.still(start), task.objective.series.rest(task.limits.position.mean(axis=1))):
-        share = polytope.reach(static, start.coefficients, quality.margin)
+        share = limits.reach(static, start.coefficients, quality.margin)
         if share is not None:
             inside = static + share * (start.coefficients - static)
-            return InteriorPoint(derivatives, polytope).solve(
+            return InteriorPoint(derivatives, limits).solve(
                 inside, first=max(first, last), last=last, iterations=task.iterations
             )
     raise _infeasible()
-
-
-def _by_ipopt(task: DesignTask, start: Trajectory) -> LocalOptimum:
-    """`local_optimum` by IPOPT, for any limits and objective."""
-
-    def solve(rows: LimitConstraints, motion: Trajectory, round_: int) -> OptimiserSolution:
-        program = limit_constrained_program(task.objective, rows, motion.coefficients)
-        return program.solve(iterations=task.iterations, warm=round_ > 0)
-
-    rows = LimitConstraints.coarse(
-        start.series, task.limits, arm=task.arm, workspace=task.workspace, tip_length=task.tip_length
-    )
-    return _refined(task, start, rows, solve, -np.inf)
 
 
 RoundSolver = Callable[[LimitConstraints, Trajectory, int], OptimiserSolution]
@@ -226,8 +221,7 @@ def optimise(
     """The result of `work` from each start, best first; equal ones in the order of their starts.
 
     `executor` (`concurrent.futures.Executor` or its like) runs several starts in parallel, with the same results;
-    `progress` is called with each result. Threads take turns where IPOPT is needed, because its linear solver is not
-    thread-safe: take processes. Raises InputError when no start leads to a trajectory within the limits.
+    `progress` is called with each result. Raises InputError when no start leads to a trajectory within the limits.
     """
     local_optima, refused = dict[int, LocalOptimum](), dict[int, InputError]()
     for number, result in _results(task, list(starts), work, executor):

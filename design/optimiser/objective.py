@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any, Self
@@ -101,37 +102,12 @@ class Objective:
             ca.Function("hessian", [entries], [ca.densify(hessian)]),
         )
 
-    # ------------------------------------------------------------------------------- the whole, CasADi MX
-
     def graph(self, z: Any) -> Any:
         """The criterion as a CasADi MX expression of the coefficients z (k,)."""
-        if self.exact:
-            return self.score[0](self._mean(z))
         series = self.series
-        information = self.experiment.graph(self._states_of(z), series.duration, periodic=series.periodic)
-        return self.criterion.graph(information)
-
-    def hessian(self, z: Any) -> Any:
-        """The exact second derivative (k, k) of `graph`; only where `exact`."""
-        count, states = self.samples, self._states_of(z)
-        _, slopes, curvature = self.sample
-        mean = self._mean(z)
-        weight, score_hessian = (function(mean) for function in self.score[1:])
-        jacobian = slopes.map(count)(states) @ self._basis / count
-        blocks = curvature.map(count)(states, ca.repmat(weight / count, 1, count))
-        state_hessian = ca.diagcat(*ca.horzsplit(blocks, 3 * self.experiment.joints))
-        return self._basis.T @ state_hessian @ self._basis + jacobian.T @ score_hessian @ jacobian
-
-    def _mean(self, z: Any) -> Any:
-        """The entries of M / N."""
-        return ca.sum2(self.sample[0].map(self.samples)(self._states_of(z))) / self.samples
-
-    @cached_property
-    def _basis(self) -> Any:
-        return ca.sparsify(ca.DM(self.states.reshape(-1, self.series.size)))
-
-    def _states_of(self, z: Any) -> Any:
-        return ca.reshape(self._basis @ z, 3 * self.experiment.joints, self.samples)
+        basis = ca.sparsify(ca.DM(self.states.reshape(-1, series.size)))
+        states = ca.reshape(basis @ z, 3 * self.experiment.joints, self.samples)
+        return self.criterion.graph(self.experiment.graph(states, series.duration, periodic=series.periodic))
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,27 +136,166 @@ class SampledFunction:
         return self.function.map(self.samples)
 
 
-@dataclass(frozen=True, eq=False)
-class ObjectiveDerivatives:
-    """Value, gradient and Hessian of an exact objective, by the parts of `Objective` and dense matrix products.
+class Expansion(ABC):
+    """The criterion about one trajectory: its parts are evaluated when they are asked for, each once."""
 
-    The same formulas as its CasADi graph, ten times faster for series with many coefficients: each joint depends only
-    on its own columns of B, whose blocks are dense.
+    value: float
+    """The criterion; not a number or minus infinity where M is singular."""
+
+    @property
+    @abstractmethod
+    def gradient(self) -> Array:
+        """Its derivative (k,) by the coefficients."""
+
+    @property
+    def hessian(self) -> Array | None:
+        """Its exact second derivative (k, k); None where it would cost more than it saves."""
+        return None
+
+
+@dataclass(frozen=True, eq=False)
+class JointStates:
+    """States x_t = B_t z of an objective's samples, joint by joint: a joint depends on its own columns of B only."""
+
+    objective: Objective
+
+    @cached_property
+    def blocks(self) -> list[tuple[NDArray[np.intp], Array]]:
+        """For each joint the coefficients (c,) that move it, and its position, velocity, acceleration (N, 3, c)."""
+        states, n = self.objective.states, self.objective.series.joints
+        columns = [np.flatnonzero(self.objective.series.mixing[j].any(axis=0)) for j in range(n)]
+        return [(moving, np.ascontiguousarray(states[:, j::n][:, :, moving])) for j, moving in enumerate(columns)]
+
+    def along(self, z: Array) -> Array:
+        """(3n, N): the order of the samples' functions, position of all joints first."""
+        states = np.empty((len(DERIVATIVE_ORDERS), self.objective.series.joints, self.objective.samples))
+        for j, (moving, basis) in enumerate(self.blocks):
+            states[:, j] = (basis @ z[moving]).T
+        return states.reshape(-1, self.objective.samples)
+
+    def pulled_back(self, slopes: Array) -> Array:
+        """sum_t slopes_t B_t (E, k) from slopes (E, 3n, N)."""
+        n = self.objective.series.joints
+        total = np.zeros((len(slopes), self.objective.series.size))
+        for j, (moving, basis) in enumerate(self.blocks):
+            of_joint = slopes[:, j::n].transpose(0, 2, 1).reshape(len(slopes), -1)
+            total[:, moving] += of_joint @ basis.reshape(-1, len(moving))
+        return total
+
+
+@dataclass(frozen=True, eq=False)
+class AdjointDerivatives:
+    """Value and gradient of an objective without memory, by one adjoint sweep over the samples.
+
+    With columns S_t (p, k) and G the criterion's gradient by M, d criterion = 2 sum_t tr((S_t G)' dS_t): reverse
+    differentiation of one sample's columns with the seed 2 S_t G, whatever the number of entries of M.
     """
 
     objective: Objective
 
-    def value(self, z: Array) -> float:
-        """The criterion at z (k,); not a number or minus infinity where M is singular."""
-        return float(self._score[0](self._mean(self._states(z))).item())
+    def at(self, z: Array) -> Expansion:
+        """About z (k,)."""
+        states = self._states.along(z)
+        columns = self._columns(states).reshape(self.objective.experiment.size, -1, self.objective.samples)
+        rows = columns.reshape(len(columns), -1)
+        return AdjointExpansion(self, states, columns, np.asarray(rows @ rows.T))
 
-    def second_order(self, z: Array) -> tuple[Array, Array]:
-        """Gradient (k,) and Hessian (k, k) at z (k,)."""
-        objective, states = self.objective, self._states(z)
-        count = objective.samples
-        mean = self._mean(states)
+    def swept(self, states: Array, columns: Array, weight: Array) -> Array:
+        """The gradient (k,) at states (3n, N), columns (k, p, N) and weights G (k, k)."""
+        seeds = 2 * np.tensordot(weight, columns, axes=1).reshape(-1, self.objective.samples)
+        return np.asarray(self._states.pulled_back(self._adjoint(states, seeds).transpose(1, 0, 2))[0])
+
+    @cached_property
+    def _states(self) -> JointStates:
+        return JointStates(self.objective)
+
+    @cached_property
+    def _columns(self) -> SampledFunction:
+        return SampledFunction(self.objective.experiment.sample(), self.objective.samples)
+
+    @cached_property
+    def _adjoint(self) -> SampledFunction:
+        x = ca.SX.sym("x", 3 * self.objective.experiment.joints)
+        columns = self.objective.experiment.sample()(x)
+        seed = ca.SX.sym("seed", columns.numel())
+        swept = ca.Function("adjoint", [x, seed], [ca.cse(ca.densify(ca.jtimes(columns, x, seed, True)))])
+        return SampledFunction(swept, self.objective.samples)
+
+
+@dataclass(frozen=True, eq=False)
+class AdjointExpansion(Expansion):
+    """By the states (3n, N), the columns (k, p, N) and the information (k, k)."""
+
+    derivatives: AdjointDerivatives
+    states: Array
+    columns: Array
+    information: Array
+
+    @cached_property
+    def value(self) -> float:  # type: ignore[override]
+        """The criterion of the information."""
+        return self.derivatives.objective.criterion.value(self.information)
+
+    @cached_property
+    def gradient(self) -> Array:
+        """By an adjoint sweep."""
+        weight = self.derivatives.objective.criterion.gradient(self.information)
+        return self.derivatives.swept(self.states, self.columns, weight)
+
+
+@dataclass(frozen=True, eq=False)
+class GraphDerivatives:
+    """Value and gradient of an objective with memory, by CasADi's graph of the whole trajectory."""
+
+    objective: Objective
+
+    def at(self, z: Array) -> Expansion:
+        """About z (k,)."""
+        return GraphExpansion(self, z)
+
+    @cached_property
+    def functions(self) -> tuple[Any, Any]:
+        """CasADi functions of the coefficients: the criterion, and its gradient."""
+        z = ca.MX.sym("z", self.objective.series.size)
+        graph = self.objective.graph(z)
+        return ca.Function("value", [z], [graph]), ca.Function("gradient", [z], [ca.gradient(graph, z)])
+
+
+@dataclass(frozen=True, eq=False)
+class GraphExpansion(Expansion):
+    """About the coefficients z (k,)."""
+
+    derivatives: GraphDerivatives
+    z: Array
+
+    @cached_property
+    def value(self) -> float:  # type: ignore[override]
+        """By the graph."""
+        return float(self.derivatives.functions[0](self.z))
+
+    @cached_property
+    def gradient(self) -> Array:
+        """By reverse differentiation of the graph."""
+        return np.array(self.derivatives.functions[1](self.z)).ravel()
+
+
+@dataclass(frozen=True, eq=False)
+class SecondOrderDerivatives:
+    """Value, gradient and Hessian of an objective without memory, by the parts of `Objective` and matrix products."""
+
+    objective: Objective
+
+    def at(self, z: Array) -> Expansion:
+        """About z (k,)."""
+        states = self._states.along(z)
+        mean = np.asarray(self._entries(states).mean(axis=-1))
+        return SecondOrderExpansion(self, states, mean, float(self._score[0](mean).item()))
+
+    def second_order(self, states: Array, mean: Array) -> tuple[Array, Array]:
+        """Gradient (k,) and Hessian (k, k) at states (3n, N) and entries of M / N (E, 1)."""
+        count = self.objective.samples
         weight, score_hessian = (function(mean)[:, :, 0] for function in self._score[1:])
-        jacobian = self._jacobian(self._slopes(states) / count)
+        jacobian = self._states.pulled_back(self._slopes(states) / count)
         curvature = self._curvature(states, np.repeat(weight / count, count, axis=1))
         curved = self._state_hessian(curvature.transpose(2, 0, 1))
         return jacobian.T @ weight[:, 0], curved + jacobian.T @ score_hessian @ jacobian
@@ -188,38 +303,15 @@ class ObjectiveDerivatives:
     # --------------------------------------------------------------------------------------------- parts
 
     @cached_property
-    def _blocks(self) -> list[tuple[NDArray[np.intp], Array]]:
-        """For each joint the coefficients (c,) that move it, and its position, velocity, acceleration (N, 3, c)."""
-        states, n = self.objective.states, self.objective.series.joints
-        columns = [np.flatnonzero(self.objective.series.mixing[j].any(axis=0)) for j in range(n)]
-        return [(moving, np.ascontiguousarray(states[:, j::n][:, :, moving])) for j, moving in enumerate(columns)]
-
-    def _states(self, z: Array) -> Array:
-        """(3n, N): the order of the samples' functions, position of all joints first."""
-        states = np.empty((len(DERIVATIVE_ORDERS), self.objective.series.joints, self.objective.samples))
-        for j, (moving, basis) in enumerate(self._blocks):
-            states[:, j] = (basis @ z[moving]).T
-        return states.reshape(-1, self.objective.samples)
-
-    def _mean(self, states: Array) -> Array:
-        """The entries of M / N, (E, 1)."""
-        return np.asarray(self._entries(states).mean(axis=-1))
-
-    def _jacobian(self, slopes: Array) -> Array:
-        """J (E, k) = sum_t m'(x_t) B_t from m' (E, 3n, N)."""
-        n = self.objective.series.joints
-        jacobian = np.zeros((len(slopes), self.objective.series.size))
-        for j, (moving, basis) in enumerate(self._blocks):
-            of_joint = slopes[:, j::n].transpose(0, 2, 1).reshape(len(slopes), -1)
-            jacobian[:, moving] += of_joint @ basis.reshape(-1, len(moving))
-        return jacobian
+    def _states(self) -> JointStates:
+        return JointStates(self.objective)
 
     def _state_hessian(self, curvature: Array) -> Array:
         """sum_t B_t' W_t B_t (k, k) from W (N, 3n, 3n)."""
         n, size = self.objective.series.joints, self.objective.series.size
         total = np.zeros((size, size))
-        for j, (rows, basis) in enumerate(self._blocks):
-            for i, (columns, other_basis) in enumerate(self._blocks[: j + 1]):
+        for j, (rows, basis) in enumerate(self._states.blocks):
+            for i, (columns, other_basis) in enumerate(self._states.blocks[: j + 1]):
                 product = (curvature[:, j::n, i::n] @ other_basis).reshape(-1, len(columns))
                 block = basis.reshape(-1, len(rows)).T @ product
                 total[self._crossings[j, i]] += block
@@ -230,7 +322,7 @@ class ObjectiveDerivatives:
     @cached_property
     def _crossings(self) -> dict[tuple[int, int], tuple[NDArray[np.intp], ...]]:
         """The indices of each joint's coefficients by those of another."""
-        numbered = list(enumerate(moving for moving, _ in self._blocks))
+        numbered = list(enumerate(moving for moving, _ in self._states.blocks))
         return {(j, i): np.ix_(rows, columns) for j, rows in numbered for i, columns in numbered}
 
     @cached_property
@@ -248,3 +340,31 @@ class ObjectiveDerivatives:
     @cached_property
     def _curvature(self) -> SampledFunction:
         return SampledFunction(self.objective.sample[2], self.objective.samples)
+
+
+@dataclass(frozen=True, eq=False)
+class SecondOrderExpansion(Expansion):
+    """By the states (3n, N), the entries of M / N (E, 1) and the value."""
+
+    derivatives: SecondOrderDerivatives
+    states: Array
+    mean: Array
+    value: float
+
+    @cached_property
+    def _parts(self) -> tuple[Array, Array]:
+        return self.derivatives.second_order(self.states, self.mean)
+
+    @property
+    def gradient(self) -> Array:
+        """By the entries' slopes."""
+        return self._parts[0]
+
+    @property
+    def hessian(self) -> Array:
+        """By the entries' slopes and curvatures."""
+        return self._parts[1]
+
+
+ObjectiveDerivatives = AdjointDerivatives | GraphDerivatives | SecondOrderDerivatives
+"""Expansions of an objective about coefficients (`at`)."""

@@ -74,7 +74,8 @@ CASES = cases()
 def functions(of: Objective) -> tuple[ca.Function, ca.Function, ca.Function]:
     """The criterion, its gradient, and its exact Hessian where there is one."""
     z = ca.MX.sym("z", of.series.size)
-    graph, second = of.graph(z), [of.hessian(z)] if of.exact else []
+    graph = of.graph(z)
+    second = [ca.hessian(graph, z)[0]] if of.exact else []
     return (
         ca.Function("f", [z], [graph]),
         ca.Function("g", [z], [ca.gradient(graph, z)]),

@@ -45,7 +45,6 @@ QUICK = ("--series", "paper", "--starts", "1", "--no-bound")
 WORKSPACE = """[workspace]
 y = [0.4, 2.6]
 """
-"""Is kept by IPOPT, which takes ten times as long as the interior-point method."""
 
 
 @pytest.fixture
@@ -164,7 +163,7 @@ def test_what_the_search_found_is_written_whatever_signals_come(
 
 @pytest.mark.long(8)
 def test_interrupted_within_the_first_start_it_writes_nothing(rig: Path, tmp_path: Path) -> None:
-    """IPOPT, which Python's signals do not reach, for a workspace; the worker is ended."""
+    """The worker is ended in its first start."""
     out = tmp_path / "plan.csv"
     options = ("--workers", "1", "--no-bound")
     found, text, error = interrupted_at(rig, out, options, "0 of", signal.SIGTERM)
