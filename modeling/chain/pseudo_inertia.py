@@ -95,17 +95,22 @@ class PseudoInertia:
             return whole
 
         condition = f"mass inside {volume.text}, and {self.condition}"
-        matrices = {"constant": extended(self.constant), "slopes": extended(self.slopes)}
-        return replace(self, condition=condition, room=volume.names, **matrices)
+        constant, slopes = extended(self.constant), extended(self.slopes)
+        return replace(self, constant=constant, slopes=slopes, condition=condition, room=volume.names)
 
 
 @dataclass(frozen=True, eq=False)
 class Volume:
     """Where the mass of a tool may be, along the axes of its parameters from the sensor's origin, m.
 
-    quadratics  (4, 4) each: Q with [r; 1]' Q [r; 1] >= 0 at every r inside, m²
-    names       of these conditions
-    text        what it is
+    Parameters
+    ----------
+    quadratics : tuple of array (4, 4)
+        Q with [r; 1]' Q [r; 1] >= 0 at every r inside, m².
+    names : tuple of str
+        What each of these conditions is called.
+    text : str
+        What it is.
 
     Examples
     --------
@@ -120,7 +125,7 @@ class Volume:
     text: str
 
     @classmethod
-    def box(cls, low: Sequence[float], high: Sequence[float], text: str = "") -> Volume:
+    def box(cls, low: Sequence[float] | Array, high: Sequence[float] | Array, text: str = "") -> Volume:
         """The box between two corners (3,), m: (r_i - low_i) (high_i - r_i) >= 0 of each axis.
 
         Necessary for mass inside; the moments of some mass outside keep it, too. Raises InputError for an empty box,
