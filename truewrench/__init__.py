@@ -44,6 +44,7 @@ _NAMES: dict[str, tuple[str, ...]] = {
     "estimation.streaming.chunk": ("Chunk", "chunks"),
     "estimation.streaming.long_log": ("read_chunks",),
     "modeling.chain.model": ("WrenchModel", "planar", "spatial"),
+    "modeling.chain.pseudo_inertia": ("Volume",),
     "modeling.errors": ("InputError", "TruewrenchError"),
     "modeling.formulas.python_definition": ("own_effect",),
     "modeling.noise": ("ColouredNoise", "NoiseModel"),
@@ -120,6 +121,7 @@ if TYPE_CHECKING:
     from modeling.chain.model import WrenchModel as WrenchModel
     from modeling.chain.model import planar as planar
     from modeling.chain.model import spatial as spatial
+    from modeling.chain.pseudo_inertia import Volume as Volume
     from modeling.errors import InputError as InputError
     from modeling.errors import TruewrenchError as TruewrenchError
     from modeling.formulas.python_definition import own_effect as own_effect

@@ -174,6 +174,11 @@ def fit(commands: Subcommands[Any]) -> argparse.ArgumentParser:
     command.add_argument(
         "--physical", action="store_true", help="physically consistent inertia only, by a margin of 1e-6"
     )
+    text = (
+        "the tool's mass is inside a box, --inside=XMIN,XMAX,YMIN,YMAX,ZMIN,ZMAX in m along the axes of its parameters"
+    )
+    text += " from the sensor's origin, or inside a mesh (.stl, .obj, in m); implies --physical"
+    command.add_argument("--inside", metavar="BOX|MESH", help=text)
     command.add_argument("--prior", type=Path, metavar="FILE", help="TOML file of a reference tool and its weight")
     text = "read one log in chunks, as is done with long ones; derivatives are columns of the log"
     command.add_argument("--stream", action="store_true", help=text)

@@ -202,6 +202,7 @@ class ConstraintInterpretation(Enum):
     CONTRADICTED = "rejected by the data: the constraint is wrong, or the model lacks an effect"
     NEGATIVE_MASS = "the readings have the sign convention opposite to the stated one, or the model lacks an effect"
     IMPOSSIBLE = "no mass distribution has these moments: the model lacks an effect, or the noise is larger than stated"
+    OUTSIDE = "no mass inside has these moments: the volume is wrong, the model lacks an effect, or the noise is larger"
     WITHIN_NOISE = "not significant: the data agree with it"
     UNDETERMINED = "not significant: the data alone hardly determine this quantity, with a std above the bound itself"
     IDLE = "zero multiplier: not determined by the data, or already implied by another constraint"
@@ -349,7 +350,8 @@ def _active_inertia(conditions: KKTConditions, lifted: NullSpaceStep | None) -> 
     wanted = float(vector @ inertia.at(theta) @ vector)
     std = float(np.sqrt(form @ lifted.covariance @ form))
     p_value = chi_bar_squared_sf(lifted.gain, svec_size(active_set.rank))
-    against = ConstraintInterpretation.NEGATIVE_MASS if unit == "kg" else ConstraintInterpretation.IMPOSSIBLE
+    against = ConstraintInterpretation.OUTSIDE if inertia.room else ConstraintInterpretation.IMPOSSIBLE
+    against = ConstraintInterpretation.NEGATIVE_MASS if unit == "kg" else against
     return _tested(idle, wanted, std, lifted.gain, p_value, against)
 
 
@@ -359,7 +361,8 @@ def _tested(
     pressure = against
     if p_value >= LEVELS.constraint:
         # The margin of the pseudo-inertia is no bound that a std compares with.
-        vague = against is not ConstraintInterpretation.IMPOSSIBLE and std > abs(idle.held) > 0
+        of_shape = (ConstraintInterpretation.IMPOSSIBLE, ConstraintInterpretation.OUTSIDE)
+        vague = against not in of_shape and std > abs(idle.held) > 0
         pressure = ConstraintInterpretation.UNDETERMINED if vague else ConstraintInterpretation.WITHIN_NOISE
     return replace(idle, wanted=wanted, std=std, chi_square=cost, p_value=p_value, pressure=pressure)
 
@@ -386,6 +389,9 @@ def most_negative_moment(inertia: PseudoInertia, theta: Array) -> tuple[str, str
     about_centre = J[np.ix_(others, others)] - J[np.ix_(others, mass)] @ share
     u = np.linalg.eigh(about_centre)[1][:, 0]
     vector[others], vector[mass] = u, -share @ u
+    farthest = others[int(np.abs(u).argmax())] - (inertia.size - len(inertia.room))
+    if inertia.room and farthest >= 0:
+        return inertia.room[farthest], "kg m²", vector
     if len(others) == 1:
         return "inertia about the centre of mass", "kg m²", vector
     along = ", ".join(f"{x:.2f}" for x in u)

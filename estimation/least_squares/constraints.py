@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from estimation.least_squares.bounds import Bounds, Interval, require_known_names
 from estimation.least_squares.prior import LogDetDivergence, Prior
 from estimation.parameter_layout import ParameterLayout
-from modeling.chain.pseudo_inertia import PseudoInertia, pseudo_inertia
+from modeling.chain.pseudo_inertia import PseudoInertia, Volume, pseudo_inertia
 from modeling.errors import InputError, kind_of
 from modeling.parameter import Parameter
 
@@ -64,7 +64,8 @@ class FeasibleRegion:
     """Parameters (k,) with low <= theta <= high and J(theta) >= 0 by `CONSISTENCY_MARGIN`, and a prior inside.
 
     stated   stated intervals by index; the parameters' own bounds hold as well
-    inertia  J over all parameters; None where physical consistency is not required, or implied by a prior
+    inertia  J over all parameters, with the conditions of a volume where the mass is to be inside one; None where
+             physical consistency is not required, or implied by a prior
     prior    keeps J positive definite by itself
     where    source of the intervals, for an InputError
     """
@@ -242,6 +243,8 @@ class Constraints:
         distribution that is neither flat nor a line has these moments. By default not.
     prior : Prior, optional
         Reference tool; implies physical consistency where its weight is not 0. By default none.
+    inside : Volume, optional
+        Where the mass of a six-axis tool is; implies physical consistency. By default anywhere.
 
     Examples
     --------
@@ -257,6 +260,7 @@ class Constraints:
     bounds: Bounds | Mapping[str, Interval] | None = None
     physical: bool = False
     prior: Prior | None = None
+    inside: Volume | None = None
 
     def __post_init__(self) -> None:
         _ = self._bounds
@@ -287,13 +291,19 @@ class Constraints:
         names = [p.name for p in unknowns.parameters]
         bounds = self._bounds
         require_known_names(bounds.ends, names, bounds.where)
-        inertia = pseudo_inertia(unknowns.models[0]) if self.physical or self.prior is not None else None
+        held = self.physical or self.inside is not None
+        inertia = pseudo_inertia(unknowns.models[0]) if held or self.prior is not None else None
         divergence = None if self.prior is None or inertia is None else self.prior.divergence(inertia, names)
         weighted = divergence is not None and divergence.weight > 0
+        if weighted and self.inside is not None:
+            what = "a volume and a prior of the tool cannot be combined"
+            raise InputError(what=what, where="inside", remedy="leave one of them out")
+        if inertia is not None and self.inside is not None:
+            inertia = inertia.within(self.inside)
         region = FeasibleRegion(
             parameters=unknowns.parameters,
             stated={names.index(name): interval for name, interval in bounds.ends.items()},
-            inertia=inertia.over(names) if inertia is not None and self.physical and not weighted else None,
+            inertia=inertia.over(names) if inertia is not None and held and not weighted else None,
             prior=divergence if weighted else None,
             where=bounds.where,
         )

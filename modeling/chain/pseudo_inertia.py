@@ -34,6 +34,7 @@ class PseudoInertia:
     slopes      (k, n, n)
     mass        indices of the rows of J with the mass; the others have second moments
     condition   J >= 0 as text
+    room        names of the conditions of a volume, each a further row and column of J (`within`)
     """
 
     expression: sp.Matrix
@@ -42,6 +43,7 @@ class PseudoInertia:
     slopes: Array
     mass: tuple[int, ...]
     condition: str
+    room: tuple[str, ...] = ()
 
     @property
     def size(self) -> int:
@@ -64,7 +66,7 @@ class PseudoInertia:
         J - margin tr(Sigma) [[1, 0], [0, 0]] is affine in theta as J is. Its Schur complement of the mass says that
         Sigma - c c'/m, the second moments about the centre of mass, has no eigenvalue below margin tr(Sigma).
         """
-        others = [i for i in range(self.size) if i not in self.mass]
+        others = [i for i in range(self.size - len(self.room)) if i not in self.mass]
         unit = np.zeros((self.size, self.size))
         unit[others, others] = CONSISTENCY_MARGIN
 
@@ -73,6 +75,122 @@ class PseudoInertia:
 
         condition = f"{self.condition} by a margin of {CONSISTENCY_MARGIN:g}"
         return replace(self, constant=moved(self.constant), slopes=moved(self.slopes), condition=condition)
+
+    def within(self, volume: Volume) -> PseudoInertia:
+        """The matrix that is >= 0 where J is, and the mass may be inside the volume: J and tr(J Q_i) on the diagonal.
+
+        Masses at r where [r; 1]' Q [r; 1] >= 0 have tr(J Q) >= 0, a sum of such terms. Raises InputError in the plane,
+        where the second moments along the axes are not told apart.
+        """
+        if self.size != len(volume.quadratics[0]):
+            what = "the second moments of a planar tool along its axes are not identifiable"
+            raise InputError(what=what, where="inside", remedy="leave the volume out, or use a six-axis sensor")
+        forms = np.array(volume.quadratics)
+
+        def extended(matrices: Array) -> Array:
+            whole = np.zeros((*matrices.shape[:-2], self.size + len(forms), self.size + len(forms)))
+            whole[..., : self.size, : self.size] = matrices
+            for place, form in enumerate(forms, self.size):
+                whole[..., place, place] = np.sum(matrices * form, axis=(-2, -1))
+            return whole
+
+        condition = f"mass inside {volume.text}, and {self.condition}"
+        constant, slopes = extended(self.constant), extended(self.slopes)
+        return replace(self, constant=constant, slopes=slopes, condition=condition, room=volume.names)
+
+
+@dataclass(frozen=True, eq=False)
+class Volume:
+    """Where the mass of a tool may be, along the axes of its parameters from the sensor's origin, m.
+
+    Parameters
+    ----------
+    quadratics : tuple of array (4, 4)
+        Q with [r; 1]' Q [r; 1] >= 0 at every r inside, m².
+    names : tuple of str
+        What each of these conditions is called.
+    text : str
+        What it is.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> box = tw.Volume.box((-0.05, -0.05, 0.0), (0.05, 0.05, 0.2))
+    >>> len(box.quadratics)
+    3
+    """
+
+    quadratics: tuple[Array, ...]
+    names: tuple[str, ...]
+    text: str
+
+    @classmethod
+    def box(cls, low: Sequence[float] | Array, high: Sequence[float] | Array, text: str = "") -> Volume:
+        """The box between two corners (3,), m: (r_i - low_i) (high_i - r_i) >= 0 of each axis.
+
+        Necessary for mass inside; the moments of some mass outside keep it, too. Raises InputError for an empty box,
+        and one of more than `LARGEST_TOOL`.
+        """
+        ends = np.array([low, high], dtype=float)
+        if ends.shape != (2, 3) or not np.isfinite(ends).all() or (ends[1] <= ends[0]).any():
+            remedy = "give low,high of x, y and z in m, such as -0.05,0.05,-0.05,0.05,0,0.2"
+            raise InputError(what="no box: each high end is to be above its low one", where="inside", remedy=remedy)
+        if np.ptp(ends, axis=0).max() > LARGEST_TOOL:
+            what = f"a tool of {np.ptp(ends, axis=0).max():g} m: millimetres?"
+            raise InputError(what=what, where="inside", remedy="give metres, along the axes of the tool's parameters")
+        forms = []
+        for axis, (below, above) in enumerate(ends.T):
+            form = np.zeros((4, 4))
+            form[axis, axis], form[3, 3] = -1.0, -below * above
+            form[axis, 3] = form[3, axis] = (below + above) / 2
+            forms.append(form)
+        ranges = ", ".join(f"{a} {b:g} to {c:g} m" for a, (b, c) in zip("xyz", ends.T, strict=True))
+        return cls(tuple(forms), tuple(f"room along {axis} in the box" for axis in "xyz"), text or f"the box {ranges}")
+
+    @classmethod
+    def around(cls, points: Array, text: str) -> Volume:
+        """The box and the smallest ellipsoid (Khachiyan's) around points (n, 3), m, such as the corners of a mesh."""
+        from scipy.spatial import ConvexHull  # slow to import
+
+        points = np.unique(np.asarray(points, dtype=float), axis=0)
+        spread = np.linalg.matrix_rank(points - points.mean(axis=0)) if len(points) else 0
+        if points.ndim != 2 or spread < 3 or not np.isfinite(points).all():
+            raise InputError(what="its points span no volume", where=text, remedy="give a closed body, in metres")
+        points = points[ConvexHull(points).vertices]
+        box = cls.box(points.min(axis=0), points.max(axis=0), text)
+        return cls((*box.quadratics, _smallest_ellipsoid(points)), (*box.names, "room in the ellipsoid"), text)
+
+
+LARGEST_TOOL = 5.0
+"""Metres across, from which millimetres were meant."""
+ELLIPSOID_GAP = 1e-4
+"""Relative violation at which Khachiyan's iteration stops; the ellipsoid is widened by it, and holds every point."""
+
+
+def _smallest_ellipsoid(points: Array) -> Array:
+    """Q (4, 4) of the ellipsoid of least volume around points (n, 3): [r; 1]' Q [r; 1] = s² (1 - (r - c)' A (r - c)).
+
+    Khachiyan, "Rounding of polytopes in the real number model of computation" (Mathematics of Operations Research 21,
+    1996): weights of the points, of which in each step the one that is farthest out gets more. s is its largest half
+    axis, so that the form is in m² as those of a box are.
+    """
+    count, dimension = points.shape
+    lifted = np.column_stack([points, np.ones(count)])
+    weights = np.full(count, 1 / count)
+    while True:
+        inverse = np.linalg.inv(lifted.T @ (weights[:, None] * lifted))
+        out = np.einsum("ni,ij,nj->n", lifted, inverse, lifted)
+        farthest = int(out.argmax())
+        excess = out[farthest] - dimension - 1
+        if excess < ELLIPSOID_GAP * (dimension + 1):
+            break
+        step = excess / ((dimension + 1) * (out[farthest] - 1))
+        weights *= 1 - step
+        weights[farthest] += step
+    # [r; 1]' inverse [r; 1] = 1 + (r - c)' S^-1 (r - c) with the weighted mean c and covariance S of the points
+    form = out[farthest] * np.diag([0.0, 0.0, 0.0, 1.0]) - inverse
+    largest = np.linalg.eigvalsh(np.linalg.inv(inverse[:3, :3])).max()
+    return np.asarray(form * largest)
 
 
 @lru_cache(maxsize=32)

@@ -37,10 +37,23 @@ from truewrench.commands.effect_choice import custom_effects, with_effects_chang
 from truewrench.commands.results import print_result, provenance_of, suspicions_named
 from truewrench.files.case_files import frame_sentences, frames_data, read_case, rigid_tool_case
 from truewrench.files.output import atomic_write, progress_line
+from truewrench.files.volume_file import read_volume
 from truewrench.text.fit_summary import FitSummary
 from truewrench.text.tool_text import axes_sentence
 
-IN_MEMORY_ONLY = ("robust", "bounds", "physical", "prior", "runs", "effects", "validate", "report", "period", "read")
+IN_MEMORY_ONLY = (
+    "robust",
+    "bounds",
+    "physical",
+    "inside",
+    "prior",
+    "runs",
+    "effects",
+    "validate",
+    "report",
+    "period",
+    "read",
+)
 """Options that need the whole recording in memory."""
 STREAMED_ROWS = 500_000
 """Rows from which on a log is read in chunks of itself: in memory so many take half a minute and a gigabyte."""
@@ -233,7 +246,9 @@ def fit_summary_of(case: Case, constraints: Constraints | None, *, robust: bool)
         return FitSummary(fitted, fitted.intervals(), validation=_compared(fitted, case))
     if constraints is not None:
         what = "a robust loss and constraints cannot be combined"
-        raise InputError(what=what, where="--robust", remedy="leave out --robust, or --bounds, --physical and --prior")
+        raise InputError(
+            what=what, where="--robust", remedy="leave out --robust, or --bounds, --physical, --inside and --prior"
+        )
     robust_fit = robust_fit_case(case)
     return FitSummary(robust_fit.fit, robust_fit.intervals(), robust_fit, _compared(robust_fit.fit, case))
 
@@ -243,11 +258,12 @@ def _compared(fitted: Fit, case: Case) -> tuple[Comparison, ...]:
 
 
 def constraints_of(arguments: argparse.Namespace) -> Constraints | None:
-    """Constraints of --bounds, --physical and --prior; None without any."""
-    if arguments.bounds is None and arguments.prior is None and not arguments.physical:
+    """Constraints of --bounds, --physical, --inside and --prior; None without any."""
+    if not (arguments.bounds or arguments.prior or arguments.physical or arguments.inside):
         return None
     return Constraints(
         bounds=None if arguments.bounds is None else Bounds.read(arguments.bounds),
         physical=arguments.physical,
         prior=None if arguments.prior is None else Prior.read(arguments.prior),
+        inside=None if arguments.inside is None else read_volume(arguments.inside),
     )
