@@ -15,6 +15,8 @@ from modeling.errors import InputError
 from modeling.space import Space
 from tests.shared.recordings import base, recorded
 from truewrench.command_line import main
+from truewrench.reports import discovery_report
+from truewrench.reports.report_files import ReportTexts
 from truewrench.simulated_rig import HiddenEffect, MagnusForce, PlanarRig, simulate, write_recording
 
 pytest.importorskip("mujoco")
@@ -77,7 +79,9 @@ def test_a_force_without_a_name_is_found_in_six_axes() -> None:
     assert [equation.formula for equation in found.equations] == ["F = c v x w at d"]
 
 
-def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its report is drawn in a test of its own."""
+    monkeypatch.setattr(discovery_report, "discovery_report", lambda found, _: ReportTexts("page", found.effects_toml))
     rig = PlanarRig()
     files = []
     for seed in (1, 2):
@@ -89,13 +93,15 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     links = ", ".join(map(str, rig.link_lengths))
     (tmp_path / "rig.toml").write_text(f"[robot]\nlink_lengths = [{links}]\n", encoding="utf-8")
     command = ["discover", files[0], "--rig", str(tmp_path / "rig.toml"), "--validate", files[1], "--complexity", "4"]
-    assert main([*command, "--out", str(tmp_path / "effect.toml"), "--json"]) == 0
+    files += [str(tmp_path / "effect.toml"), str(tmp_path / "report")]
+    assert main([*command, "--out", files[2], "--report", files[3], "--json"]) == 0
     data = json.loads(capsys.readouterr().out)
     assert data["found"]
     (term,) = data["terms"]
     assert {"id", "formula", "kind", "p_value", "share", "parameters", "held_out", "alternatives"} <= set(term)
     assert (term["id"], term["kind"], term["held_out"]["carried"]) == ("found_1", "tip_body", True)
-    assert (tmp_path / "effect.toml").read_text(encoding="utf-8") == data["effects_toml"]
+    for written in ("effect.toml", "report/report.md"):
+        assert (tmp_path / written).read_text(encoding="utf-8") == data["effects_toml"]
     assert np.isclose(term["parameters"]["d"]["value"], SPIN.d, atol=0.02)
 
 
