@@ -96,6 +96,7 @@ def chain_leaves(space: Space) -> Mapping[str, Leaf]:
     v, a     velocity and acceleration of the point, m/s, m/s²
     r        its position from the origin of the world, m; x, y, z its coordinates there
     n        from it to a place in the world, m
+    rho      to it from the vertical axis through the origin, m
     over_x, under_x   how far (m) its coordinate is above an edge, or below it, else 0; and so in y and z
     onto_x, into_x    the same in a width, 1 at the most
     falling_x, rising_x   exponentials of its coordinate over l_0 (`exponential_leaves`); and so in y and z
@@ -120,6 +121,7 @@ def chain_leaves(space: Space) -> Mapping[str, Leaf]:
         "e": (space.tip_axis, "1"),
         "turn": (to_tool.reshape(9, 1), "1"),
         "n": (to_tool * (there - place), "m"),
+        "rho": (to_tool * (place - place.dot(space.up) * space.up), "m"),
         **{axis: (sp.Matrix([place[i]]), "m") for i, axis in enumerate(space.axes)},
     }
     for name, scale in (("v", speed), ("w", rate)):
