@@ -193,13 +193,6 @@ def recorded_leaves(fitted: Fit, held_out: Sequence[Recording]) -> tuple[dict[st
     several = [*fitted.recordings, *held_out]
     signals = set.intersection(*(set(r.motion.model_signals) for r in several))
     leaves = {name: leaf for name, leaf in chain_leaves(space).items() if leaf.signals <= signals}
-    inputs: dict[str, str] = {}
-    for name in sorted(set.intersection(*(set(r.auxiliary) for r in several))):
-        values = fitted.recordings[0].motion.model_signals[name]
-        if np.ptp(values) > 0 and re.fullmatch(NAME, name) and not _is_taken(name, leaves):
-            inputs[name] = AUXILIARY_UNITS.get(name) or re.sub("[^A-Za-z]", "", name)
-            leaves[name] = signal_leaf(name, inputs[name])
-            leaves[f"{name}_dev"] = deviation_leaf(name, inputs[name], values)
     angles = sorted(name for name in signals if re.fullmatch(r"q\d+", name))
     angles += ["phi"] if space is Space.PLANE and "phi" in signals else []
     leaves |= {name: signal_leaf(name, "rad") for name in angles}
@@ -210,6 +203,13 @@ def recorded_leaves(fitted: Fit, held_out: Sequence[Recording]) -> tuple[dict[st
             leaves |= exponential_leaves(leaves[axis], first[f"p{axis}"])
     leaves |= {f"{name}_dev": deviation_leaf(name, "rad", first[name]) for name in angles if np.ptp(first[name]) > 0}
     leaves |= {name: signal_leaf(name, unit) for name, unit in space.channel_units.items()}
+    inputs: dict[str, str] = {}
+    for name in sorted(set.intersection(*(set(r.auxiliary) for r in several))):
+        values = first[name]
+        if np.ptp(values) > 0 and re.fullmatch(NAME, name) and not _is_taken(name, leaves):
+            inputs[name] = AUXILIARY_UNITS.get(name) or re.sub("[^A-Za-z]", "", name)
+            leaves[name] = signal_leaf(name, inputs[name])
+            leaves[f"{name}_dev"] = deviation_leaf(name, inputs[name], values)
     return leaves, angles, inputs
 
 
