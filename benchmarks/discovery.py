@@ -211,8 +211,8 @@ FORMS: Mapping[str, tuple[Space, tuple[str, ...]]] = {
     "compass": (Space.SPACE, ("T = e x k",)),
     "rudder": (Space.SPACE, ("F = c v x e at d",)),
     "lift": (Space.SPACE, ()),
-    "centrifugal": (Space.SPACE, ()),
-    "radial": (Space.SPACE, ()),
+    "centrifugal": (Space.SPACE, ("F = c w x (w x r) at d",)),
+    "radial": (Space.SPACE, ("F = c |rho| rho at d",)),
     "drag with height": (Space.SPACE, ("F = c z v at d", "F = c (r.up) v at d")),
 }
 """Space and formulas of each form: where there are two, they are the same; none where the grammar has none."""

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from itertools import count
 from typing import Any
@@ -12,10 +11,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.comparison.comparison import noise_from_residual
 from diagnosis.comparison.model_comparison import ModelComparison, compare_models
 from diagnosis.discovery.grammar import COMPLEXITY, terms
 from diagnosis.discovery.leaves import Leaf, recorded_leaves, shape_ranges
-from diagnosis.discovery.search import FoundTerm, ScoredTerm, TermSearch, best_term, in_noise_beside_columns
+from diagnosis.discovery.search import (
+    FoundTerm,
+    ScoredTerm,
+    TermSearch,
+    best_candidates,
+    best_term,
+    in_noise_beside_columns,
+)
 from diagnosis.progress import Progress, count_progress, silent
 from estimation.fit import Fit, fit, recordings_of, reestimated_noise
 from estimation.model_response import predicted_readings
@@ -281,14 +288,22 @@ def discover(
         search = TermSearch(fitted, leaves, shape_ranges(fitted, leaves))
         rests = [fit(first.model, without_terms(recording, first, fitted)) for recording in held_out]
         others = [TermSearch(in_noise_beside_columns(rest), leaves, {}) for rest in rests]
-        found = best_term(search, others, grammar, count_progress(progress, f"term {number}: score tests"))
-        if found is None or not found.best.holds:
+        candidates = best_candidates(search, grammar, count_progress(progress, f"term {number}: score tests"))
+        if candidates is not None and candidates.is_suggestive and noise_from_residual(fitted):
+            beside, _ = _refitted(fitted, candidates.terms[0], "beside", leaves, inputs)
+            search = TermSearch(fitted.in_noise(beside.noise), leaves, shape_ranges(fitted, leaves))
+            announce = count_progress(progress, f"term {number}: score tests in the noise beside the best")
+            candidates = best_candidates(search, grammar, announce)
+        if candidates is None or candidates.p_value >= LEVELS.effect:
+            break
+        found = best_term(search, others, candidates)
+        if not found.best.holds or found.p_value >= LEVELS.effect:
             rejected = found
             break
         progress(f"term {number}: refit with {found.best.scored.term.printed(fitted.model.space)}")
         taken = [effect.id for effect in fitted.model.effects]
         effect_id = next(name for name in map("found_{}".format, count(1)) if name not in taken)
-        after, effect = _refitted(fitted, found.best.scored, effect_id, leaves, inputs)
+        after, effect = _refitted(search.fit, found.best.scored, effect_id, leaves, inputs)
         if not after.identifies(effect) or found.best.scored.term in [e.found.best.scored.term for e in equations]:
             rejected = found
             break
@@ -342,8 +357,8 @@ def _refitted(
     """The fit with a term as an effect, begun at its estimates."""
     space = fitted.model.space
     effect = _effect(space, scored, effect_id, leaves, inputs)
-    amounts = dict(zip(scored.term.amplitudes(space), scored.amounts.tolist(), strict=True))
-    own = {f"{effect_id}.{name}": value for name, value in (amounts | dict(scored.shapes)).items()}
+    values = dict(zip(scored.term.amplitudes(space), scored.amounts.tolist(), strict=True)) | dict(scored.shapes)
+    own = {f"{effect_id}.{p.name}": values[p.name] for p in effect.parameters(space)}
     after = fitted.refitted(fitted.model + effect, fitted.values | own)
     return in_noise_beside_columns(after.in_noise(reestimated_noise(after))), effect
 

@@ -268,8 +268,8 @@ def terms(
 ) -> list[Term]:
     """All terms up to a complexity, of the vectors of the chain, and of these angles, other columns and loads.
 
-    force, torque  V or S V; V a vector of the chain, a constant one, the cross product of two, or the part of one along
-                   the tip or along gravity
+    force, torque  V or S V; V a vector of the chain, a constant one, the cross product of two, w x (w x r), or the part
+                   of one along the tip or along gravity
     zero           S, a quadratic of an angle or another column, or what fades with time
     gain           a load times 1, S, or a power of that load or another one
     S              a power of a scalar, its sign, a sinusoid of an angle, or the product of two scalars; of another
@@ -339,6 +339,8 @@ def _of_a_place(named: Mapping[str, Quantity], leaves: Mapping[str, Leaf], compl
     lengths = [near.norm().power(k) for k in PLACE_POWERS]
     quantities = [near, *(s.times(v) for s in lengths for v in (near, named["v"]))]
     edges = [leaf.quantity for leaf in leaves.values() if leaf.shapes & {EDGE, LENGTH}]
+    about = leaves["rho"].quantity
+    quantities += [about, *(about.norm().power(k).times(about) for k in PLACE_POWERS)]
     quantities += [s.times(v) for s in edges for v in (constant(WORLD_CONSTANT), named["up"], named["v"])]
     forces = [Term(FORCE, q, at_point=at) for q in quantities for at in (False, True)]
     return [term for term in forces if term.complexity <= complexity + 1]
@@ -352,9 +354,10 @@ def _vectors(named: Mapping[str, Quantity]) -> list[Quantity]:
         for one, other in combinations(simple, 2)
         if not (one.has_constant and other.has_constant) and {one.formula, other.formula} != {"e", TOOL_CONSTANT}
     ]
+    spun = [named["w"].cross(named["w"].cross(named[name])) for name in ("r", "e") if {"w", name} <= set(named)]
     moving = [named[name] for name in MOVING if name in named]
     along = [vector.dot(named[axis]).times(named[axis]) for vector in moving for axis in AXES]
-    return [*simple, *crossed, *along]
+    return [*simple, *crossed, *spun, *along]
 
 
 def _factors(named: Mapping[str, Quantity], scalars: Collection[str], angles: Collection[str]) -> list[Quantity]:

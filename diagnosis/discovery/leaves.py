@@ -96,6 +96,7 @@ def chain_leaves(space: Space) -> Mapping[str, Leaf]:
     v, a     velocity and acceleration of the point, m/s, m/s²
     r        its position from the origin of the world, m; x, y, z its coordinates there
     n        from it to a place in the world, m
+    rho      to it from the vertical axis through the origin, m
     over_x, under_x   how far (m) its coordinate is above an edge, or below it, else 0; and so in y and z
     onto_x, into_x    the same in a width, 1 at the most
     falling_x, rising_x   exponentials of its coordinate over l_0 (`exponential_leaves`); and so in y and z
@@ -120,6 +121,7 @@ def chain_leaves(space: Space) -> Mapping[str, Leaf]:
         "e": (space.tip_axis, "1"),
         "turn": (to_tool.reshape(9, 1), "1"),
         "n": (to_tool * (there - place), "m"),
+        "rho": (to_tool * (place - place.dot(space.up) * space.up), "m"),
         **{axis: (sp.Matrix([place[i]]), "m") for i, axis in enumerate(space.axes)},
     }
     for name, scale in (("v", speed), ("w", rate)):
@@ -191,13 +193,6 @@ def recorded_leaves(fitted: Fit, held_out: Sequence[Recording]) -> tuple[dict[st
     several = [*fitted.recordings, *held_out]
     signals = set.intersection(*(set(r.motion.model_signals) for r in several))
     leaves = {name: leaf for name, leaf in chain_leaves(space).items() if leaf.signals <= signals}
-    inputs: dict[str, str] = {}
-    for name in sorted(set.intersection(*(set(r.auxiliary) for r in several))):
-        values = fitted.recordings[0].motion.model_signals[name]
-        if np.ptp(values) > 0 and re.fullmatch(NAME, name) and not _is_taken(name, leaves):
-            inputs[name] = AUXILIARY_UNITS.get(name) or re.sub("[^A-Za-z]", "", name)
-            leaves[name] = signal_leaf(name, inputs[name])
-            leaves[f"{name}_dev"] = deviation_leaf(name, inputs[name], values)
     angles = sorted(name for name in signals if re.fullmatch(r"q\d+", name))
     angles += ["phi"] if space is Space.PLANE and "phi" in signals else []
     leaves |= {name: signal_leaf(name, "rad") for name in angles}
@@ -208,6 +203,13 @@ def recorded_leaves(fitted: Fit, held_out: Sequence[Recording]) -> tuple[dict[st
             leaves |= exponential_leaves(leaves[axis], first[f"p{axis}"])
     leaves |= {f"{name}_dev": deviation_leaf(name, "rad", first[name]) for name in angles if np.ptp(first[name]) > 0}
     leaves |= {name: signal_leaf(name, unit) for name, unit in space.channel_units.items()}
+    inputs: dict[str, str] = {}
+    for name in sorted(set.intersection(*(set(r.auxiliary) for r in several))):
+        values = first[name]
+        if np.ptp(values) > 0 and re.fullmatch(NAME, name) and not _is_taken(name, leaves):
+            inputs[name] = AUXILIARY_UNITS.get(name) or re.sub("[^A-Za-z]", "", name)
+            leaves[name] = signal_leaf(name, inputs[name])
+            leaves[f"{name}_dev"] = deviation_leaf(name, inputs[name], values)
     return leaves, angles, inputs
 
 

@@ -97,9 +97,21 @@ class ScoredTerm:
 
     def evidence(self, rows: int) -> float:
         """Twice the log of its odds against nothing, description length counted (BIC), in `rows` lines."""
-        chosen = self.term.complexity + (len(self.amounts) - 1 if self.term.by_channel else 0)
-        length = 2 * NODE * chosen + (len(self.amounts) + len(self.shapes)) * np.log(rows)
-        return float(self.score / self.level - length)
+        return self.score / self.level - self._length(len(self.amounts), rows)
+
+    def _length(self, amplitudes: int, rows: int) -> float:
+        chosen = self.term.complexity + (amplitudes - 1 if self.term.by_channel else 0)
+        return float(2 * NODE * chosen + (amplitudes + len(self.shapes)) * np.log(rows))
+
+    def promise(self, rows: int) -> float:
+        """Its evidence, or that of the amplitudes of one channel or direction, where it is larger: most are of one."""
+        size = len(self.term.quantity.amplitudes) if self.term.by_channel else 1
+        best = self.evidence(rows)
+        for first in range(0, len(self.amounts), size):
+            own = slice(first, first + size)
+            alone = self.amounts[own] @ np.linalg.pinv(self.covariance[own, own], hermitian=True) @ self.amounts[own]
+            best = max(best, float(alone) / self.level - self._length(len(self.amounts[own]), rows))
+        return best
 
 
 @dataclass(frozen=True, eq=False)
@@ -305,48 +317,63 @@ class FoundTerm:
     alternatives: tuple[tuple[ScoredTerm, float], ...]
 
 
-def best_term(
-    search: TermSearch,
-    held_out: Sequence[TermSearch],
-    terms: Sequence[Term],
-    announce: CountCallback | None = None,
-) -> FoundTerm | None:
-    """The term that is the most likely on all motions, and significant among all; None where none is.
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """The terms with the best scores on the fitted motion, refined, the best first.
 
-    Whether it `holds` on the motions held out is still to be asked.
+    tests    effective number of tests, by whether a term follows the motion
+    test     score test of the best
+    p_value  of its score, corrected for all terms tested
     """
-    all_motions = [search, *held_out]
+
+    terms: tuple[ScoredTerm, ...]
+    tests: Mapping[bool, float]
+    test: PointTest
+    p_value: float
+
+    @property
+    def is_suggestive(self) -> bool:
+        """Whether the best is not significant, and may be in a noise that has nothing of it."""
+        return self.p_value >= LEVELS.effect and self.test.p_value() < SUGGESTIVE
+
+
+SUGGESTIVE = 1e-3
+"""P-value of the best term by itself below which the noise of a run's residual is estimated beside it: taken for noise,
+a term hides itself. In noise the best of thousands is below in one of two searches, which costs a second one."""
+
+
+def best_candidates(
+    search: TermSearch, terms: Sequence[Term], announce: CountCallback | None = None
+) -> Candidates | None:
+    """The terms that may be what the fitted motion shows; None where no term has an effect."""
     scored, tests = search.scored(terms, announce)
-    rows = search.rows
-    ordered = sorted(scored, key=lambda each: -each.evidence(rows))
+    ordered = sorted(scored, key=lambda each: -each.promise(search.rows))
     if not ordered:
         return None
     finalists = [each for each in ordered[:FINALISTS] if each.score > WITHIN * ordered[0].score]
-    refined = _distinct([search.refined(each) for each in finalists], rows)
-    first = refined[0]
-    test = search.test(first)
-    level = max(test.together.noise.mean, 1.0)
-    p_value = min(1.0, tests[search.of_motion(first.term)] * test.p_value())
-    if p_value >= LEVELS.effect:
-        return None
-    judged = []
-    for each in refined:
-        parts, together = (
-            np.array([o.held_out(each) for o in held_out]),
-            score_together(all_motions, each, refined=False),
-        )
+    refined = _distinct([search.refined(each) for each in finalists], search.rows)
+    test = search.test(refined[0])
+    p_value = min(1.0, tests[search.of_motion(refined[0].term)] * test.p_value())
+    return Candidates(tuple(refined), tests, test, p_value)
+
+
+def best_term(search: TermSearch, held_out: Sequence[TermSearch], candidates: Candidates) -> FoundTerm:
+    """The candidate that is the most likely on all motions; whether it `holds` there is still to be asked."""
+    rows, level, judged = search.rows, max(candidates.test.together.noise.mean, 1.0), []
+    for each in candidates.terms:
+        parts = np.array([other.held_out(each) for other in held_out])
+        together = score_together([search, *held_out], each, refined=False)
         carried, best = parts[:, :2].sum(axis=0)
         z = float(parts[:, 2].sum() / len(parts) ** 0.5)
         judged.append(HeldOutTerm(replace(each, level=level), carried, best, together, z))
-    most = max(each.evidence(rows) for each in judged) - NEAR_ENOUGH
-    judged = [
-        replace(each, together=max(each.together, score_together(all_motions, each.scored, refined=True)))
-        if each.evidence(rows) > most
-        else each
-        for each in judged
-    ]
+    least = max(each.evidence(rows) for each in judged) - NEAR_ENOUGH
+    for place, each in enumerate(judged):
+        if each.evidence(rows) > least:
+            together = score_together([search, *held_out], each.scored, refined=True)
+            judged[place] = replace(each, together=max(each.together, together))
     judged.sort(key=lambda each: -each.evidence(rows))
     winner = judged[0]
+    p_value = min(1.0, candidates.tests[search.of_motion(winner.scored.term)] * search.test(winner.scored).p_value())
     behind = [(each.scored, (winner.evidence(rows) - each.evidence(rows)) / 2) for each in judged[1:]]
     near = tuple((scored, float(np.exp(nats))) for scored, nats in behind if nats <= np.log(ODDS))
     return FoundTerm(winner, p_value, near)

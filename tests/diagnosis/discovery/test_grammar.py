@@ -42,6 +42,7 @@ def sampled_terms(space: Space, fit_of: Fit) -> list[Term]:
         *("F = c |v|^1.5 v at d", "F = c v_sat at d", "T = c w_drop", "F = c falling_y up at d"),
         *("zero = c fx", "zero = c fx fy", "zero = c fy^3", "zero = harmonic(q1) fx", "zero = c |w| fx"),
         "zero = c fading",
+        *("F = c |rho| rho at d", "F = c w x (w x e)"),
     ]
     quadratics = [term for term in everything if "quadratic" in term.formula]
     return chosen + quadratics[:2] + [term for term in everything if term.formula in wanted]
@@ -61,7 +62,8 @@ def test_columns_are_those_of_the_custom_effect(space: Space) -> None:
         effect = term.effect(space, "found_1", leaves, inputs, {name: [value] for name, value in shapes.items()})
         model = of.model + effect
         amplitudes = tuple(p for p in model.effects[-1].qualified(space) if not p.nuisance)
-        point = GridPoint({f"found_1.{name}": value for name, value in shapes.items()}, amplitudes)
+        own = {p.name for p in effect.parameters(space)}  # a force along the tip is the same at every point of it
+        point = GridPoint({f"found_1.{name}": value for name, value in shapes.items() if name in own}, amplitudes)
         derived = score_columns(of, model, [point], columns.choice)[:, 0]
         names = [p.name.removeprefix("found_1.") for p in amplitudes]
         shown = [name in names for name in term.amplitudes(space)]

@@ -31,6 +31,7 @@ from modeling.errors import InputError
 from modeling.formulas.custom_effect import CustomEffect
 from modeling.formulas.definition import LARGEST_GRID
 from modeling.parameter import Role
+from modeling.rig import Convention
 from modeling.space import Space
 from truewrench.command_line import main
 from truewrench.files.effects_file import MAX_BYTES, MAX_EFFECTS, read_effects
@@ -93,6 +94,13 @@ WRITTEN: Mapping[str, dict[str, Any]] = {
         "parameters": {"fx_fy": "1", "fx_tau": "1/m", "fy_fx": "1", "fy_tau": "1/m", "tau_fx": "m", "tau_fy": "m"},
         "gain": {n: n for n in ("fx_fy", "fx_tau", "fy_fx", "fy_tau", "tau_fx", "tau_fy")},
     },
+    "gain_nonlinearity-PLANE": {
+        "parameters": {
+            **{"fx_2": "1/N", "fy_2": "1/N", "tau_2": "1/(N m)"},
+            **{"fx_3": "1/N²", "fy_3": "1/N²", "tau_3": "1/(N² m²)"},
+        },
+        "gain": {f"{c}_{c}": f"{c}_2*{c} + {c}_3*{c}^2" for c in ("fx", "fy", "tau")},
+    },
 }
 
 
@@ -129,6 +137,22 @@ def test_an_effect_of_the_catalogue_written_down_is_that_effect(case: str) -> No
         scale = max(1.0, float(np.abs(expected).max()))
         np.testing.assert_allclose(value, expected, rtol=1e-10, atol=1e-12 * scale)  # rounding, in another order
         np.testing.assert_allclose(slopes, columns[:, :, places], rtol=1e-9, atol=1e-10 * scale)
+
+
+def test_a_gain_may_name_loads_of_other_channels_and_no_zero_may() -> None:
+    """fx += c fy tau of the rigid tool's loads, whatever the bias and the signs of the readings are."""
+    leak = CustomEffect.from_data(
+        {"id": "leak", "title": "a product", "parameters": {"c": "1/(N m)"}, "gain": {"fx_fy": "c*tau"}}
+    )
+    assert leak.spaces == (Space.PLANE,)
+    rng, model = np.random.default_rng(4), WrenchModel(space=Space.PLANE, convention=Convention.ON_SENSOR)
+    signals, body = random_signals(model, 30, rng), rng.uniform(0.5, 1.5, 6)
+    loads = compiled_prediction(model).load.value(signals, body, 30)
+    read = compiled_prediction(model + leak).load.value(signals, np.array([*body, 0.3]), 30)
+    np.testing.assert_allclose(read[:, 0], loads[:, 0] + 0.3 * loads[:, 1] * loads[:, 2], rtol=1e-12)
+    np.testing.assert_array_equal(read[:, 1:], loads[:, 1:])
+    with pytest.raises(InputError, match="'tau' is not a known name"):
+        effect(tip_body=None, zero={"fx": "k*tau"})
 
 
 def test_a_wrench_in_the_tools_axes_is_a_contact_wrench() -> None:

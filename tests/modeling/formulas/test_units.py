@@ -96,6 +96,14 @@ def test_a_dimension_is_read_as_it_is_printed(factors: list[tuple[str, int]]) ->
     assert dimension(str(total)) == total
 
 
+@given(FACTORS, st.sampled_from([2, 3]))
+def test_a_root_of_a_dimension_is_read_as_it_is_printed(factors: list[tuple[str, int]], root: int) -> None:
+    total = DIMENSIONLESS
+    for unit, power in factors:
+        total *= powers(**{unit: power}) ** Fraction(1, root)
+    assert dimension(str(total)) == total
+
+
 @given(st.text(max_size=12))
 def test_any_text_is_a_unit_or_refused(text: str) -> None:
     with suppress(InputError):
