@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.comparison.comparison import noise_from_residual
-from diagnosis.comparison.model_comparison import ModelComparison, compare_models
+from diagnosis.comparison.model_comparison import ModelComparison, compare, compare_models
 from diagnosis.discovery.grammar import COMPLEXITY, terms
 from diagnosis.discovery.leaves import Leaf, recorded_leaves, shape_ranges
 from diagnosis.discovery.search import (
@@ -284,7 +284,7 @@ def discover(
     grammar = terms(leaves, angles, list(inputs), fitted.model.channels, complexity)
     equations: list[FoundEquation] = []
     rejected: FoundTerm | None = None
-    for number in range(1, MOST_TERMS + 1):
+    while (number := len(equations) + 1) <= MOST_TERMS:
         search = TermSearch(fitted, leaves, shape_ranges(fitted, leaves))
         rests = [fit(first.model, without_terms(recording, first, fitted)) for recording in held_out]
         others = [TermSearch(in_noise_beside_columns(rest), leaves, {}) for rest in rests]
@@ -304,9 +304,13 @@ def discover(
         taken = [effect.id for effect in fitted.model.effects]
         effect_id = next(name for name in map("found_{}".format, count(1)) if name not in taken)
         after, effect = _refitted(search.fit, found.best.scored, effect_id, leaves, inputs)
-        if not after.identifies(effect) or found.best.scored.term in [e.found.best.scored.term for e in equations]:
+        if found.best.scored.term in [e.found.best.scored.term for e in equations]:
             rejected = found
             break
+        if not _is_determined(after, effect):  # amplitude and shape are one number here: another term says it plainly
+            undetermined = replace(found.best.scored.term, kept=None)
+            grammar = [term for term in grammar if replace(term, kept=None) != undetermined]
+            continue
         excess = max(search.null_model.cost - len(search.null_model.residual), found.best.scored.score)
         beyond = sum(other.null_model.cost - len(other.null_model.residual) for other in others)
         equations.append(
@@ -330,7 +334,8 @@ def discover(
         explained = 1 - float(np.prod([1 - equation.held_out for equation in equations]))
         if left < LEVELS.held_out and explained < LEAST_EXPLAINED:
             equations, fitted, rejected = [], first, equations[0].found
-    depends = {} if equations else depends_on(first)
+    misfits = not equations and compare(first).lack_of_fit < LEVELS.held_out
+    depends = depends_on(first) if misfits else {}
     done = tuple(_with_parameters(equation, fitted) for equation in equations)
     return Discovery(first, fitted, tuple(held_out), done, len(grammar), complexity, depends, rejected, left)
 
@@ -361,6 +366,16 @@ def _refitted(
     own = {f"{effect_id}.{p.name}": values[p.name] for p in effect.parameters(space)}
     after = fitted.refitted(fitted.model + effect, fitted.values | own)
     return in_noise_beside_columns(after.in_noise(reestimated_noise(after))), effect
+
+
+DETERMINED = 2.0
+"""Std from zero of an amplitude whose term was found significant: less is said by no equation."""
+
+
+def _is_determined(fitted: Fit, effect: CustomEffect) -> bool:
+    """Whether an amplitude of a term is known, given the shape that was fitted with it."""
+    amplitudes = [fitted.parameters[p.name] for p in effect.qualified(fitted.model.space) if not p.nuisance]
+    return any(abs(p.value) >= DETERMINED * p.std for p in amplitudes if np.isfinite(p.std) and p.std > 0)
 
 
 def _effect(
