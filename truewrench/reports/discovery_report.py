@@ -11,7 +11,7 @@ from diagnosis.comparison.compared_step import error_table
 from diagnosis.comparison.model_comparison import compare
 from diagnosis.discovery.discovery import Discovery, FoundEquation
 from diagnosis.discovery.grammar import Term
-from diagnosis.discovery.quantities import POWER, Quantity
+from diagnosis.discovery.quantities import POWER, SIGN, Quantity
 from diagnosis.discovery.search import ScoredTerm
 from diagnosis.study import StudyStep
 from diagnosis.verdict.aliasing import channel_tolerance
@@ -76,6 +76,8 @@ def _in_signs(quantity: Quantity, within: str = "") -> str:
             text = " ".join(parts)
         case "norm":
             return f"|{parts[0]}|"
+        case operation if operation == SIGN:
+            return f"sign({parts[0]})"
         case operation if operation == POWER:
             return f"{parts[0]}^{quantity.exponent}"
         case _:
@@ -93,12 +95,12 @@ def symbols_sentence(term: Term, columns: Collection[str] = ()) -> str:
             said.append(SYMBOLS[name])
         elif kind in BEYOND:
             said.append(f"{name} {BEYOND[kind].format(axis)}")
-        elif re.fullmatch(r"q\d+|phi", recorded := name.removesuffix("_dev")):
-            said.append(f"{recorded} as recorded (rad)")
+        elif re.fullmatch(r"d?(q\d+|phi)", recorded := name.removesuffix("_dev")):
+            said.append(f"{recorded} as recorded ({'rad/s' if recorded.startswith('d') else 'rad'})")
         elif recorded in columns:
             said.append(f"{recorded} as recorded")
     said += ["d distance of the point from the sensor along the tip (m)"] if term.at_point else []
-    return f"Here {'; '.join(said)}." if said else ""
+    return f"Symbols: {'; '.join(said)}." if said else ""
 
 
 @dataclass(frozen=True)
