@@ -230,7 +230,10 @@ def _blocks(
     rows = max(schedule.rows + len(outputs) * (averaged > 1), 1)
     length = min(max(BLOCK_NUMBERS // rows, SHORTEST_BLOCK), LONGEST_BLOCK, samples)
     length = max(length // averaged, 1) * averaged
-    unaveraged, weights = np.empty((len(outputs), length if averaged > 1 else 0), dtype), np.full(averaged, 1 / averaged)
+    unaveraged, weights = (
+        np.empty((len(outputs), length if averaged > 1 else 0), dtype),
+        np.full(averaged, 1 / averaged),
+    )
     work, unset = np.empty((schedule.rows, length), dtype), [None] * len(outputs)
     first_output = len(fixed) + len(changing)
     for start in range(0, samples, length):

@@ -155,7 +155,14 @@ class VectorFunction:
         return self.tangent_in(signals, theta, tuple(range(self.count)), samples)
 
     def tangent_in(
-        self, signals: Signals, theta: Array, which: tuple[int, ...], samples: int, *, valued: bool = True, block: int = 1
+        self,
+        signals: Signals,
+        theta: Array,
+        which: tuple[int, ...],
+        samples: int,
+        *,
+        valued: bool = True,
+        block: int = 1,
     ) -> tuple[Array, Array]:
         """Value (samples, p), zero unless `valued`, and derivative (samples, p, len(which)) in those parameters.
 

@@ -187,8 +187,8 @@ def sketched_sentence(fit: StreamedFit, summary: FitSummary) -> str:
     """What a report of a streamed fit shows."""
     (recording,), samples = summary.fit.recordings, fit.information.rows // len(fit.model.channels)
     return (
-        f"What is shown here is of {recording.samples} rows of {samples}, evenly spaced, the estimates too; those of all"
-        " rows are printed, and written by --out."
+        f"What is shown here is of {recording.samples} rows of {samples}, evenly spaced, the estimates too; those of"
+        " all rows are printed, and written by --out."
     )
 
 

@@ -121,6 +121,20 @@ def test_long_series_and_many_sets_are_taken_in_blocks() -> None:
         np.testing.assert_allclose(own, wanted, rtol=1e-12, atol=1e-14)
 
 
+@pytest.mark.parametrize("block", [7, 60, LONGEST_BLOCK + 3])
+def test_means_over_blocks_are_those_of_the_samples(block: int) -> None:
+    """Of results of signals, of parameters and of both, over several sets; the last samples fill no block."""
+    u, theta = ca.SX.sym("u", 2), ca.SX.sym("theta", 1)
+    tape = Tape.of(u, theta, ca.vertcat(theta * u[0] * u[1], theta**2, u[0], ca.sin(u[1]), 0, 3))
+    samples, sets = 3 * LONGEST_BLOCK + 17, np.array([[1.0], [-2.0], [0.5]])
+    inputs = list(np.random.default_rng(7).normal(size=(2, samples)))
+    series, means = np.zeros((6, samples, 3)), np.zeros((6, samples // block, 3))
+    TapeEvaluation(tape).run(inputs, sets, list(series))
+    TapeEvaluation(tape).run(inputs, sets, list(means), block)
+    whole = series[:, : samples // block * block].reshape(6, -1, block, 3)
+    np.testing.assert_allclose(means, whole.mean(axis=2), rtol=0, atol=1e-14)
+
+
 @pytest.mark.parametrize("seed", range(12))
 def test_sets_that_share_parameters_are_evaluated_as_each_by_itself(seed: int) -> None:
     """Some parameters the same in all sets, some in groups, in any order; results of every kind of dependence."""

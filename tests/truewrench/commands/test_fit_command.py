@@ -214,8 +214,9 @@ def test_a_long_log_is_streamed_by_itself(bench: Bench, monkeypatch: pytest.Monk
     assert (streamed["samples"], streamed["sketched"]) == (3000, 1500)
     assert streamed["fits"]
     assert "sketched" not in whole
-    text = bench.fit(recording=str(log))[1]
+    text = bench.fit("--report", str(bench.folder / "report"), recording=str(log))[1]
     assert "Read in chunks as one run" in text
+    assert "1500 rows of 3000, evenly spaced" in (bench.folder / "report" / "report.md").read_text()
     assert "noise is estimated from the residual" in text
     truth = dict(zip(streamed["parameters"], (1.0, 2.0, 0.3, 1.5, 0.1, 0.02), strict=True))
     for name, estimate in streamed["parameters"].items():
