@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from modeling.chain.prediction import Prediction
 from modeling.compiled.symbolic_vector import SymbolicVector
-from modeling.compiled.tape import BINARY, UNARY, Tape
+from modeling.compiled.tape import BINARY, UNARY, Operations, Tape
 from modeling.compiled.tape_evaluation import LONGEST_BLOCK, NUMPY_OPERATIONS, TapeEvaluation
 from modeling.compiled.vector_function import CompiledVector, VectorFunction
 from tests.modeling.effects.cases import CASES, Case
@@ -96,7 +96,7 @@ def test_operations_are_casadis(name: str) -> None:
     code = getattr(ca, f"OP_{name.upper()}")
     u, theta = ca.SX.sym("u", 2), ca.SX.sym("theta", 0)
     operation = ca.SX.unary(code, u[0]) if name in UNARY else ca.SX.binary(code, u[0], u[1])
-    tape = Tape(2, 0, (), ((name, 0, -1 if name in UNARY else 1),), (2,))
+    tape = Tape(2, 0, (), Operations.of([(name, 0, -1 if name in UNARY else 1)]), (2,))
     rng = np.random.default_rng(5)
     inputs = np.vstack([rng.uniform(-1, 1, (200, 2)), rng.integers(-1, 2, (200, 2))])
     function = ca.Function("operation", [u, theta], [operation])
