@@ -258,7 +258,7 @@ def test_means_over_blocks_are_whitened_as_all_samples_are(effect_id: str) -> No
     rng, n, block = np.random.default_rng(4), 403, 10
     model = planar() + getattr(effects, effect_id)()
     names = ("temperature", "px", "py", "vx", "vy", "ax", "ay", "phi", "dphi")
-    recording = recording_of(rng.normal(size=n), 0.02, **{name: rng.normal(size=n) for name in names})
+    recording = recording_of(rng.normal(size=n), 0.02, 1, **{name: rng.normal(size=n) for name in names})
     theta = rng.uniform(0.1, 1.0, len(model.parameters))
     noise = NoiseModel(np.diag([0.1, 0.2, 0.01]), np.array([[0.5, 0.3, 0.1]]), block)
     whitener = AutoregressiveWhitener(n, noise)
