@@ -5,17 +5,19 @@ Each elementary operation takes earlier values and gives one.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any, Self
 
 import casadi as ca
 import numpy as np
+from numpy.typing import NDArray
 
 from modeling import symbolic as sp
 from modeling.compiled.symbolic_vector import casadi_expressions
 
+Numbers = NDArray[np.int32]
 Operation = tuple[str, int, int]
 
 NO_OPERAND = -1
@@ -33,6 +35,50 @@ BINARY = (
 IS_UNARY = {**dict.fromkeys(UNARY, True), **dict.fromkeys(BINARY, False)}
 """Whether an operation has one operand."""
 
+NAMES = UNARY + BINARY
+CODES = {name: code for code, name in enumerate(NAMES)}
+
+
+@dataclass(frozen=True, eq=False)
+class Operations:
+    """Operations in columns: numbers of names, of first and of second operands, 9 bytes for each operation.
+
+    As tuples they took 130: a diagnosis of an arm's joint log, which holds two million, took 840 MB instead of 520.
+    """
+
+    codes: bytes
+    left: Numbers
+    right: Numbers
+
+    @classmethod
+    def of(cls, operations: Iterable[Operation]) -> Self:
+        """Of tuples."""
+        names, left, right = list(zip(*operations, strict=True)) or ((), (), ())
+        return cls(bytes(map(CODES.__getitem__, names)), np.array(left, np.int32), np.array(right, np.int32))
+
+    def at(self, places: NDArray[np.intp]) -> Operations:
+        """Those at these places."""
+        codes = np.frombuffer(self.codes, np.uint8)[places].tobytes()
+        return Operations(codes, self.left[places], self.right[places])
+
+    def operands_of(self, name: str) -> set[int]:
+        """First operands of all operations of a name."""
+        return set(self.left[np.frombuffer(self.codes, np.uint8) == CODES[name]].tolist())
+
+    def renumbered(self, numbers: Sequence[int] | NDArray[np.intp]) -> Operations:
+        """With other numbers of their operands; the last of `numbers` is `NO_OPERAND`."""
+        table = np.asarray(numbers, np.int32)
+        return Operations(self.codes, table[self.left], table[self.right])
+
+    def __len__(self) -> int:
+        return len(self.codes)
+
+    def __iter__(self) -> Iterator[Operation]:
+        return zip(map(NAMES.__getitem__, self.codes), self.left.tolist(), self.right.tolist(), strict=True)
+
+    def __getitem__(self, place: int) -> Operation:
+        return NAMES[self.codes[place]], int(self.left[place]), int(self.right[place])
+
 
 @dataclass(frozen=True, eq=False)
 class Tape:
@@ -45,7 +91,7 @@ class Tape:
     inputs: int
     parameters: int
     constants: tuple[float, ...]
-    operations: tuple[Operation, ...]
+    operations: Operations
     results: tuple[int, ...]
 
     @classmethod
@@ -76,19 +122,21 @@ class Tape:
         m, k = _count(data["inputs"]), _count(data["parameters"])
         constants = tuple(map(float, data["constants"]))
         names, left, right = data["operations"]
-        operations, results = tuple(zip(names, left, right, strict=True)), tuple(data["results"])
-        first = m + k + len(constants)
+        results, first = tuple(data["results"]), m + k + len(constants)
+        if not len(names) == len(left) == len(right):
+            raise ValueError("the columns of operations are not of one length")
         if {*map(type, left), *map(type, right), *map(type, results)} - {int} or not IS_UNARY.keys() >= {*names}:
             raise ValueError("an operation is not a known name with integer operands")
-        a, b, number = np.array(left), np.array(right), np.arange(first, first + len(operations))
+        a, b, number = np.array(left), np.array(right), np.arange(first, first + len(names))
         unary = np.array([IS_UNARY[name] for name in names], dtype=bool)
         valid = (a >= 0) & (a < number) & np.where(unary, b == NO_OPERAND, (b >= 0) & (b < number))
         if not valid.all():
             wrong = int(np.argmin(valid))
-            raise ValueError(f"operation {first + wrong} has invalid operands: {operations[wrong]}")
-        if not all(0 <= result < first + len(operations) for result in results):
+            raise ValueError(f"operation {first + wrong} has invalid operands: {left[wrong]}, {right[wrong]}")
+        if not all(0 <= result < first + len(names) for result in results):
             raise ValueError("a result is not the number of a value")
-        return cls(m, k, constants, operations, results)
+        codes = bytes(map(CODES.__getitem__, names))
+        return cls(m, k, constants, Operations(codes, a.astype(np.int32), b.astype(np.int32)), results)
 
     def to_data(self) -> dict[str, Any]:
         """Lists of names and numbers."""
@@ -122,7 +170,7 @@ class Tape:
         """The tape with its parameters at these places among `count` of them."""
         m, added = self.inputs, count - self.parameters
         renumbered = [*range(m), *(m + place for place in places), *range(m + count, self.size + added), NO_OPERAND]
-        operations = tuple((name, renumbered[a], renumbered[b]) for name, a, b in self.operations)
+        operations = self.operations.renumbered(renumbered)
         return Tape(m, count, self.constants, operations, tuple(renumbered[r] for r in self.results))
 
     def with_inputs(self, parameters: Sequence[int]) -> Tape:
@@ -130,9 +178,10 @@ class Tape:
         m, chosen = self.inputs, list(parameters)
         others = sorted({*range(self.parameters)} - {*chosen})
         order = [*range(m), *(m + i for i in chosen), *(m + i for i in others)]
-        renumbered = {old: new for new, old in enumerate(order)}
-        operations = tuple((name, renumbered.get(a, a), renumbered.get(b, b)) for name, a, b in self.operations)
-        results = tuple(renumbered.get(r, r) for r in self.results)
+        renumbered = [*range(self.size), NO_OPERAND]
+        for new, old in enumerate(order):
+            renumbered[old] = new
+        results, operations = tuple(renumbered[r] for r in self.results), self.operations.renumbered(renumbered)
         return Tape(m + len(chosen), len(others), self.constants, operations, results)
 
     def only(self, results: Sequence[int]) -> Tape:
@@ -141,18 +190,15 @@ class Tape:
         used = bytearray(self.size + 1)  # the last is that of `NO_OPERAND`
         for number in wanted:
             used[number] = True
-        for number, (_, a, b) in zip(range(self.size - 1, self.first - 1, -1), reversed(self.operations), strict=True):
-            if used[number]:
-                used[a] = used[b] = True
-        operations: list[Operation] = []
-        renumbered = [*range(self.first), *[NO_OPERAND] * (len(self.operations) + 1)]
-        for number, (name, a, b) in enumerate(self.operations, start=self.first):
-            if used[number]:
-                renumbered[number] = self.first + len(operations)
-                operations.append((name, renumbered[a], renumbered[b]))
-        return Tape(
-            self.inputs, self.parameters, self.constants, tuple(operations), tuple(renumbered[r] for r in wanted)
-        )
+        left, right, first = self.operations.left.tolist(), self.operations.right.tolist(), self.first
+        for place in range(len(left) - 1, -1, -1):
+            if used[first + place]:
+                used[left[place]] = used[right[place]] = True
+        kept = np.flatnonzero(np.frombuffer(used, np.uint8)[first : self.size])
+        renumbered = np.full(self.size + 1, NO_OPERAND)
+        renumbered[:first], renumbered[first + kept] = np.arange(first), first + np.arange(len(kept))
+        operations = self.operations.at(kept).renumbered(renumbered)
+        return Tape(self.inputs, self.parameters, self.constants, operations, tuple(renumbered[wanted].tolist()))
 
     def graph(self, u: Any, theta: Any) -> Any:
         """The results as a dense CasADi vector over vectors u (m,) and theta (k,)."""
@@ -179,7 +225,7 @@ def _codes() -> dict[str, int]:
     return {name: getattr(ca, f"OP_{name.upper()}") for name in UNARY + BINARY}
 
 
-def _recorded(function: Any) -> tuple[tuple[float, ...], tuple[Operation, ...], tuple[int, ...]]:
+def _recorded(function: Any) -> tuple[tuple[float, ...], Operations, tuple[int, ...]]:
     """Constants, operations and results of a CasADi function of (u, theta), each value numbered once.
 
     CasADi reuses work registers; `register` maps each to the number of its present value.
@@ -209,4 +255,4 @@ def _recorded(function: Any) -> tuple[tuple[float, ...], tuple[Operation, ...], 
             operations.append((names[kind], left, right))
         else:
             raise ValueError(f"CasADi's operation {kind} is not supported on a tape")
-    return constants, tuple(operations), tuple(results)
+    return constants, Operations.of(operations), tuple(results)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from modeling.compiled.tape import NO_OPERAND, Operation, Tape
+from modeling.compiled.tape import NO_OPERAND, Operation, Operations, Tape
 
 
 def with_half_angles(tape: Tape, angles: Collection[int]) -> Tape:
@@ -25,8 +25,7 @@ def with_half_angles(tape: Tape, angles: Collection[int]) -> Tape:
     exact values, the sine also within 2^-51 of its size.
     """
     operations = tape.operations
-    sines, cosines = ({a for name, a, _ in operations if name == wanted} for wanted in ("sin", "cos"))
-    both = sines & cosines & set(angles)
+    both = operations.operands_of("sin") & operations.operands_of("cos") & set(angles)
     if not both:
         return tape
     half, one, first = tape.first, tape.first + 1, tape.first + 2
@@ -50,7 +49,8 @@ def with_half_angles(tape: Tape, angles: Collection[int]) -> Tape:
         else:
             number.append(value(name, number[a], b if b == NO_OPERAND else number[b]))
     constants = (*tape.constants, 0.5, 1.0)
-    return Tape(tape.inputs, tape.parameters, constants, tuple(changed), tuple(number[r] for r in tape.results))
+    results = tuple(number[r] for r in tape.results)
+    return Tape(tape.inputs, tape.parameters, constants, Operations.of(changed), results)
 
 
 Array = NDArray[np.float64]
@@ -458,7 +458,7 @@ class _CanonicalTape:
             return constants[value] if isinstance(value, float) else number_of.get(value, value)
 
         ordered = map(self.remaining.operations.__getitem__, self.order)
-        operations = tuple((name, number(a), number(b)) for name, a, b in ordered)
+        operations = Operations.of((name, number(a), number(b)) for name, a, b in ordered)
         numbers = tuple(map(number, results))
         return Tape(self.source.inputs, self.source.parameters, tuple(constants), operations, numbers)
 

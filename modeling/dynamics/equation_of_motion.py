@@ -11,7 +11,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from modeling.compiled.tape import NO_OPERAND, Tape
+from modeling.compiled.tape import NO_OPERAND, Operations, Tape
 from modeling.compiled.tape_evaluation import TapeEvaluation
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ class SplitEquation:
             inputs=components + len(series),
             parameters=len(fixed),
             constants=tape.constants,
-            operations=tuple((name, places[a], places[b]) for name, a, b in operations),
+            operations=Operations.of((name, places[a], places[b]) for name, a, b in operations),
             results=tuple(places[number] for number in tape.results),
         )
         everything = Tape(m, tape.parameters, tape.constants, tape.operations, (*series, *fixed))

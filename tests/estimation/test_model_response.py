@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.signal import lsim
 
 from estimation.model_response import missing_inputs, model_response, predicted_readings
+from estimation.noise.whitening import AutoregressiveWhitener
 from estimation.recordings.reading import from_columns
 from estimation.recordings.recording import Recording
 from modeling import effects
@@ -22,6 +23,7 @@ from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel, planar
 from modeling.chain.prediction import compiled_prediction
 from modeling.errors import InputError
+from modeling.noise import NoiseModel
 
 Array = NDArray[np.float64]
 
@@ -248,6 +250,22 @@ def test_parts_add_up_to_what_the_model_says_of_each_sample(effect_id: str, repe
     for i in range(len(theta)):
         ahead, behind = (by_the_sample(model, recording, theta + s * step * np.eye(len(theta))[i]) for s in (1, -1))
         np.testing.assert_allclose(response.derivative[:, :, i], (ahead - behind) / (2 * step), atol=1e-7)
+
+
+@pytest.mark.parametrize("effect_id", [*CASES, "sensor_lag", "saturation"])
+def test_means_over_blocks_are_whitened_as_all_samples_are(effect_id: str) -> None:
+    """Of a single run, by noise of averages; a model that is not instantaneous is evaluated sample by sample."""
+    rng, n, block = np.random.default_rng(4), 403, 10
+    model = planar() + getattr(effects, effect_id)()
+    names = ("temperature", "px", "py", "vx", "vy", "ax", "ay", "phi", "dphi")
+    recording = recording_of(rng.normal(size=n), 0.02, 1, **{name: rng.normal(size=n) for name in names})
+    theta = rng.uniform(0.1, 1.0, len(model.parameters))
+    noise = NoiseModel(np.diag([0.1, 0.2, 0.01]), np.array([[0.5, 0.3, 0.1]]), block)
+    whitener = AutoregressiveWhitener(n, noise)
+    means, series = (model_response(model, recording, theta, block=each) for each in (block, 1))
+    assert len(means.value) == (n // block if compiled_prediction(model).instantaneous else n)
+    for found, expected in zip(whitener.response(means), whitener.response(series), strict=True):
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12 * np.abs(expected).max())
 
 
 def test_missing_input_is_named() -> None:

@@ -41,19 +41,7 @@ from truewrench.files.volume_file import read_volume
 from truewrench.text.fit_summary import FitSummary
 from truewrench.text.tool_text import axes_sentence
 
-IN_MEMORY_ONLY = (
-    "robust",
-    "bounds",
-    "physical",
-    "inside",
-    "prior",
-    "runs",
-    "effects",
-    "validate",
-    "report",
-    "period",
-    "read",
-)
+IN_MEMORY_ONLY = ("robust", "bounds", "physical", "inside", "prior", "runs", "effects", "validate", "period", "read")
 """Options that need the whole recording in memory."""
 STREAMED_ROWS = 500_000
 """Rows from which on a log is read in chunks of itself: in memory so many take half a minute and a gigabyte."""
@@ -90,20 +78,22 @@ def run_in_memory(arguments: argparse.Namespace) -> None:
         summary.fit,
         lambda: summary.to_data(case),
         lambda: summary.text(case, runs=arguments.runs, verbose=arguments.verbose),
-        lambda: [] if arguments.report is None else write_report(arguments, summary, case),
+        lambda: write_report(arguments, summary, frame_sentences(case)),
         summary.misfitting,
         summary.unknown_tool,
         case.readings,
     )
 
 
-def write_report(arguments: argparse.Namespace, summary: FitSummary, case: Case) -> list[Path]:
-    """Write the report of --report; return its files."""
+def write_report(arguments: argparse.Namespace, summary: FitSummary, frames: Sequence[str]) -> list[Path]:
+    """Write the report of --report, if any; return its files."""
+    if arguments.report is None:
+        return []
     from truewrench.reports.fit_report import fit_report
 
     inputs = (arguments.rig, arguments.effects, arguments.bounds, arguments.prior)
     provenance = provenance_of(arguments, *arguments.recordings, *arguments.validate, *inputs)
-    return fit_report(summary, provenance, frame_sentences(case)).write(arguments.report)
+    return fit_report(summary, provenance, frames).write(arguments.report)
 
 
 def require_streamable(arguments: argparse.Namespace) -> None:
@@ -138,9 +128,9 @@ def is_long_log(arguments: argparse.Namespace) -> bool:
 def run_stream(arguments: argparse.Namespace) -> bool:
     """Fit one log chunk by chunk, write the model file, print the estimates; False where it is to be read as a whole.
 
-    Frames, and whether the model fits, are judged by a sketch of the log. Where that shows another reading, or the
-    model is not linear, a log is streamed only if that was asked for. InputError as `sketch` and `fit_log`, and for
-    other readings that are neither applied nor waved aside.
+    Frames, and whether the model fits, are judged by a sketch of the log. A reading that it proposes is said first of
+    a fit as read, as of a log in memory; where one is adopted, or the model is not linear, a log is streamed only if
+    that was asked for. InputError as `sketch` and `fit_log`, and for readings that --stream does not apply.
     """
     log = read_chunks(arguments.recordings[0], rig=None if arguments.rig is None else Rig.read(arguments.rig))
     try:
@@ -152,9 +142,10 @@ def run_stream(arguments: argparse.Namespace) -> bool:
             raise
         return False  # which says it with the row in the file
     case = replace(case, model=with_effects_changed(case.model, arguments.add, arguments.drop))
-    if not arguments.stream and (case.readings or linear_regressor_map(case.model) is None):
+    adopted = any(reading.adopted for reading in case.readings)
+    if not arguments.stream and (adopted or linear_regressor_map(case.model) is None):
         return False
-    if case.readings:
+    if adopted:
         what = case.readings[0].sentence.rstrip(".")
         raise InputError(what=what, where=str(log.path), remedy="fit without --stream")
     with suspicions_named(case.recordings), progress_line() as progress:
@@ -173,8 +164,10 @@ def run_stream(arguments: argparse.Namespace) -> bool:
         fit,
         lambda: streamed_data(fit, summary) | frames_data(case),
         lambda: streamed_text(fit, summary, case),
+        lambda: write_report(arguments, summary, [*frame_sentences(case), sketched_sentence(fit, summary)]),
         misfitting=summary.misfitting,
         tool_unknown=summary.unknown_tool,
+        readings=case.readings,
     )
     return True
 
@@ -195,6 +188,15 @@ def streamed_data(fit: StreamedFit, summary: FitSummary) -> dict[str, Any]:
     }
 
 
+def sketched_sentence(fit: StreamedFit, summary: FitSummary) -> str:
+    """What a report of a streamed fit shows."""
+    (recording,), samples = summary.fit.recordings, fit.information.rows // len(fit.model.channels)
+    return (
+        f"What is shown here is of {recording.samples} rows of {samples}, evenly spaced, the estimates too; those of"
+        " all rows are printed, and written by --out."
+    )
+
+
 def streamed_text(fit: StreamedFit, summary: FitSummary, case: Case) -> str:
     """Whether the model fits, by the sketch, then the estimates of all rows; the sketch's where no tool is known."""
     (recording,), samples = case.recordings, fit.information.rows // len(fit.model.channels)
@@ -203,9 +205,11 @@ def streamed_text(fit: StreamedFit, summary: FitSummary, case: Case) -> str:
     origin = "the std are not below what its stretches scatter by" if fit.blocks else "the std are those of the noise"
     read = f"{fit.where}: {samples} samples{size}. Read in chunks as one run; {origin}."
     if summary.unknown_tool:
-        return f"{read}\n\n{summary.text(case)}"
-    judged = f"By {recording.samples} of them, evenly spaced: {summary.headline()}"
-    return "\n\n".join([read, judged, *frame_sentences(case), f"{fit}\n{axes_sentence(fit)}"])
+        return "\n\n".join([summary.text(case), read] if case.misread else [read, summary.text(case)])
+    judged = [read, f"By {recording.samples} of them, evenly spaced: {summary.headline()}"]
+    frames = frame_sentences(case)
+    parts = [*frames, *judged] if case.misread else [*judged, *frames]
+    return "\n\n".join([*parts, f"{fit}\n{axes_sentence(fit)}"])
 
 
 def print_fit(

@@ -19,7 +19,7 @@ from modeling.chain.model import WrenchModel, planar, spatial
 from modeling.chain.prediction import compiled_prediction
 from modeling.chain.regressor import RegressorBasis, independent_functions, regressor_basis
 from modeling.codegen.expression_text import FUNCTIONS
-from modeling.compiled.tape import NO_OPERAND, Tape
+from modeling.compiled.tape import NO_OPERAND, Operations, Tape
 from modeling.compiled.tape_evaluation import Schedule, TapeEvaluation
 from modeling.rig import Convention
 from modeling.space import Space
@@ -160,13 +160,13 @@ def test_rows_are_used_again() -> None:
     operations = [("mul", 0, 1)]
     for place in range(30):
         operations += [("mul", 0, 2 + 2 * place), ("add", 2 + 2 * place, 3 + 2 * place)]
-    tape = Tape(2, 0, (), tuple(operations), (2 + len(operations) - 1,))
+    tape = Tape(2, 0, (), Operations.of(operations), (2 + len(operations) - 1,))
     assert Schedule.of(tape, ()).rows <= 2
 
 
 def test_results_of_a_single_set_are_computed_in_their_place() -> None:
     """Only one that another operation reads is copied, here the sine, and the input that is a result itself."""
-    tape = Tape(2, 0, (), (("sin", 0, NO_OPERAND), ("mul", 2, 1), ("cos", 1, NO_OPERAND)), (2, 3, 4, 1))
+    tape = Tape(2, 0, (), Operations.of([("sin", 0, NO_OPERAND), ("mul", 2, 1), ("cos", 1, NO_OPERAND)]), (2, 3, 4, 1))
     schedule = Schedule.of(tape, (), single=True)
     assert [function for function, *_ in schedule.of_each].count(np.positive) == 2
     assert (schedule.of_signals, schedule.rows) == ((), 1)

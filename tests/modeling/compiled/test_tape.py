@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from modeling.chain.prediction import Prediction
 from modeling.compiled.symbolic_vector import SymbolicVector
-from modeling.compiled.tape import BINARY, UNARY, Tape
+from modeling.compiled.tape import BINARY, UNARY, Operations, Tape
 from modeling.compiled.tape_evaluation import LONGEST_BLOCK, NUMPY_OPERATIONS, TapeEvaluation
 from modeling.compiled.vector_function import CompiledVector, VectorFunction
 from tests.modeling.effects.cases import CASES, Case
@@ -96,7 +96,7 @@ def test_operations_are_casadis(name: str) -> None:
     code = getattr(ca, f"OP_{name.upper()}")
     u, theta = ca.SX.sym("u", 2), ca.SX.sym("theta", 0)
     operation = ca.SX.unary(code, u[0]) if name in UNARY else ca.SX.binary(code, u[0], u[1])
-    tape = Tape(2, 0, (), ((name, 0, -1 if name in UNARY else 1),), (2,))
+    tape = Tape(2, 0, (), Operations.of([(name, 0, -1 if name in UNARY else 1)]), (2,))
     rng = np.random.default_rng(5)
     inputs = np.vstack([rng.uniform(-1, 1, (200, 2)), rng.integers(-1, 2, (200, 2))])
     function = ca.Function("operation", [u, theta], [operation])
@@ -119,6 +119,20 @@ def test_long_series_and_many_sets_are_taken_in_blocks() -> None:
     expected = [np.outer(x * y, a) + x[:, None] * sine, a**2 + wide, x[:, None] + wide, sine + wide, wide, 3 + wide]
     for own, wanted in zip(found, expected, strict=True):
         np.testing.assert_allclose(own, wanted, rtol=1e-12, atol=1e-14)
+
+
+@pytest.mark.parametrize("block", [7, 60, LONGEST_BLOCK + 3])
+def test_means_over_blocks_are_those_of_the_samples(block: int) -> None:
+    """Of results of signals, of parameters and of both, over several sets; the last samples fill no block."""
+    u, theta = ca.SX.sym("u", 2), ca.SX.sym("theta", 1)
+    tape = Tape.of(u, theta, ca.vertcat(theta * u[0] * u[1], theta**2, u[0], ca.sin(u[1]), 0, 3))
+    samples, sets = 3 * LONGEST_BLOCK + 17, np.array([[1.0], [-2.0], [0.5]])
+    inputs = list(np.random.default_rng(7).normal(size=(2, samples)))
+    series, means = np.zeros((6, samples, 3)), np.zeros((6, samples // block, 3))
+    TapeEvaluation(tape).run(inputs, sets, list(series))
+    TapeEvaluation(tape).run(inputs, sets, list(means), block)
+    whole = series[:, : samples // block * block].reshape(6, -1, block, 3)
+    np.testing.assert_allclose(means, whole.mean(axis=2), rtol=0, atol=1e-14)
 
 
 @pytest.mark.parametrize("seed", range(12))

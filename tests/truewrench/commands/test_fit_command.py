@@ -214,8 +214,9 @@ def test_a_long_log_is_streamed_by_itself(bench: Bench, monkeypatch: pytest.Monk
     assert (streamed["samples"], streamed["sketched"]) == (3000, 1500)
     assert streamed["fits"]
     assert "sketched" not in whole
-    text = bench.fit(recording=str(log))[1]
+    text = bench.fit("--report", str(bench.folder / "report"), recording=str(log))[1]
     assert "Read in chunks as one run" in text
+    assert "1500 rows of 3000, evenly spaced" in (bench.folder / "report" / "report.md").read_text()
     assert "noise is estimated from the residual" in text
     truth = dict(zip(streamed["parameters"], (1.0, 2.0, 0.3, 1.5, 0.1, 0.02), strict=True))
     for name, estimate in streamed["parameters"].items():
@@ -235,8 +236,8 @@ def test_a_long_log_is_streamed_by_itself(bench: Bench, monkeypatch: pytest.Monk
         assert "Read in chunks" not in bench.fit(*options, recording=str(log))[1]
 
 
-def test_a_long_log_that_is_read_wrongly_is_not_streamed(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Torques of the other sign than the forces: the fit says so first, and --stream leaves it alone."""
+def test_a_long_log_that_is_read_wrongly_is_streamed_as_read(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Torques of the other sign than the forces: the fit says so first, as of the whole log, and gives the same."""
     rng, samples, model = np.random.default_rng(1), 1200, spatial()
     time = 0.02 * np.arange(samples)
     phases = rng.uniform(0, 2 * np.pi, (12, 3))
@@ -251,14 +252,17 @@ def test_a_long_log_that_is_read_wrongly_is_not_streamed(bench: Bench, monkeypat
     wrench[3:] *= -1
     path = bench.folder / "turned.parquet"
     pd.DataFrame({"time": time, **motion, **dict(zip(model.channels, wrench, strict=True))}).to_parquet(path)
+    whole = json.loads(bench.fit("--json", recording=str(path))[1])
     monkeypatch.setattr("truewrench.commands.fit.STREAMED_ROWS", 1000)
-    text = bench.fit(recording=str(path))[1]
-    assert text.startswith("The recording seems to be read wrongly: the torques have the other sign than the forces")
-    assert "Read in chunks" not in text
-    code, text = bench.fit("--stream", recording=str(path))
-    assert code == 2
-    assert "fit without --stream" in text
-    assert "Read in chunks" in bench.fit("--stream", "--as-read", recording=str(path))[1]
+    for options in ([], ["--stream"]):
+        text = bench.fit(*options, recording=str(path))[1]
+        assert text.startswith("The recording seems to be read wrongly: the torques have the other sign than the")
+        assert "Read in chunks" in text
+    streamed = json.loads(bench.fit("--json", recording=str(path))[1])
+    assert [reading["id"] for reading in streamed["readings"]] == [reading["id"] for reading in whole["readings"]]
+    for name, estimate in streamed["parameters"].items():
+        assert abs(estimate["value"] - whole["parameters"][name]["value"]) < estimate["std"]
+    assert "read wrongly" not in bench.fit("--stream", "--as-read", recording=str(path))[1]
 
 
 def test_fit_says_first_whether_the_model_fits(bench: Bench) -> None:
