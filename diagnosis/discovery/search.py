@@ -367,10 +367,10 @@ def best_term(search: TermSearch, held_out: Sequence[TermSearch], candidates: Ca
         z = float(parts[:, 2].sum() / len(parts) ** 0.5)
         judged.append(HeldOutTerm(replace(each, level=level), carried, best, together, z))
     least = max(each.evidence(rows) for each in judged) - NEAR_ENOUGH
-    for place, each in enumerate(judged):
-        if each.evidence(rows) > least:
-            together = score_together([search, *held_out], each.scored, refined=True)
-            judged[place] = replace(each, together=max(each.together, together))
+    for place, near_best in enumerate(judged):
+        if near_best.evidence(rows) > least:
+            together = score_together([search, *held_out], near_best.scored, refined=True)
+            judged[place] = replace(near_best, together=max(near_best.together, together))
     judged.sort(key=lambda each: -each.evidence(rows))
     winner = judged[0]
     p_value = min(1.0, candidates.tests[search.of_motion(winner.scored.term)] * search.test(winner.scored).p_value())

@@ -59,7 +59,9 @@ _NAMES = ("1", "N", "N m", "N/m", "N s/m", "N s²/m²", "N/m²", "N m/rad", "1/m
 
 _SUPERSCRIPTS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻ᐟ", "0123456789-:")
 _DIGITS = str.maketrans("0123456789-/", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻ᐟ")
-_TOKEN = re.compile(r"(?P<factor>1(?![0-9])|[A-Za-zµΩ°%]+)(?:\^?(?P<power>-?[0-9]{1,2})(?::(?P<root>[2-9]))?)?|(?P<sign>[/()*·]|\s+)")
+_TOKEN = re.compile(
+    r"(?P<factor>1(?![0-9])|[A-Za-zµΩ°%]+)(?:\^?(?P<power>-?[0-9]{1,2})(?::(?P<root>[2-9]))?)?|(?P<sign>[/()*·]|\s+)"
+)
 
 
 @dataclass(frozen=True)
