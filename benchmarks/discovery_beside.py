@@ -60,7 +60,8 @@ def residual_and_columns(fitted: Fit) -> tuple[Array, Array]:
     samples = recording.samples_per_repeat
     residual = recording.averaged(fitted.residuals[0])[:samples] / fitted.noise_floor(0)
     signals = recording.motion.model_signals
-    names = sorted(n for n in signals if n not in ("time", "order", "progress", *recording.auxiliary))
+    left_out = ("time", "order", "progress", *recording.auxiliary)
+    names = sorted(n for n in signals if n not in left_out and np.ptp(signals[n]) > 1e-9)
     return residual, np.column_stack([signals[name][:samples] for name in names])
 
 
