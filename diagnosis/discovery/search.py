@@ -40,7 +40,8 @@ of a force towards one is half of what it is at its own."""
 REFINEMENTS = 120
 """Evaluations, by which four parameters are found to a hundredth of their range."""
 ODDS = 100.0
-"""Odds within which a term is in the set of those that cannot be told apart."""
+"""Odds within which a term is in the set of those that cannot be told apart; and likelihoods beyond which one is that
+fits better than the best: only its length is against it."""
 HELD_OUT_LEVEL = 1e-3
 """Of the one-sided test that what a term predicts for the other motion is in its residual: stricter than a test that
 decides alone, as the term was chosen among thousands, and up to three are asked."""
@@ -309,7 +310,8 @@ class FoundTerm:
     """The best term of a search, and those that cannot be told from it.
 
     p_value      of its score on the fitted motion, corrected for all terms tested
-    alternatives  other terms within `ODDS`, with the odds of the best against them, the nearest first
+    alternatives  other terms within `ODDS`, or better but for their length, with the odds of the best against them, the
+                  nearest first
     """
 
     best: HeldOutTerm
@@ -367,16 +369,19 @@ def best_term(search: TermSearch, held_out: Sequence[TermSearch], candidates: Ca
         z = float(parts[:, 2].sum() / len(parts) ** 0.5)
         judged.append(HeldOutTerm(replace(each, level=level), carried, best, together, z))
     least = max(each.evidence(rows) for each in judged) - NEAR_ENOUGH
-    for place, each in enumerate(judged):
-        if each.evidence(rows) > least:
-            together = score_together([search, *held_out], each.scored, refined=True)
-            judged[place] = replace(each, together=max(each.together, together))
+    for place, near_best in enumerate(judged):
+        if near_best.evidence(rows) > least:
+            together = score_together([search, *held_out], near_best.scored, refined=True)
+            judged[place] = replace(near_best, together=max(near_best.together, together))
     judged.sort(key=lambda each: -each.evidence(rows))
     winner = judged[0]
     p_value = min(1.0, candidates.tests[search.of_motion(winner.scored.term)] * search.test(winner.scored).p_value())
-    behind = [(each.scored, (winner.evidence(rows) - each.evidence(rows)) / 2) for each in judged[1:]]
-    near = tuple((scored, float(np.exp(nats))) for scored, nats in behind if nats <= np.log(ODDS))
-    return FoundTerm(winner, p_value, near)
+    near = []
+    for each in judged[1:]:
+        nats, better = (winner.evidence(rows) - each.evidence(rows)) / 2, (each.together - winner.together) / 2 / level
+        if nats <= np.log(ODDS) or better >= np.log(ODDS):
+            near.append((each.scored, float(np.exp(nats))))
+    return FoundTerm(winner, p_value, tuple(near))
 
 
 SAME = 1e-4

@@ -214,7 +214,7 @@ class Mounting(SymbolicMap):
 
 @dataclass(frozen=True)
 class Gain(SymbolicMap):
-    """reading = matrix · sign · reading, p x p; where the matrix has channels' names as symbols, these are sign · reading.
+    """reading = matrix · sign · reading, p x p; symbols in the matrix with channels' names are sign · reading.
 
     sign   +1 or -1 per channel: the convention of the readings (and a mirrored axis)
     """

@@ -78,9 +78,10 @@ class Magnet(ToolLoad):
         return force, np.zeros_like(force)
 
 
-def altered(
-    channel: str, added: Callable[[dict[str, NDArray[np.float64]]], object], *, repeats: int
-) -> list[Recording]:
+Columns = dict[str, NDArray[np.float64]]
+
+
+def altered(channel: str, added: Callable[[Columns], Any], *, repeats: int) -> list[Recording]:
     """Two motions in white noise, a channel of which reads more by a function of their columns."""
     several, rig = [], PlanarRig()
     for motion in (1, 2):
@@ -194,10 +195,9 @@ def test_a_sinusoid_of_a_joint_in_a_single_run() -> None:
 @pytest.mark.long
 def test_a_form_that_only_resembles_the_true_one_is_not_proposed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Without the magnet's own power of the distance, and its neighbours, in the grammar."""
-    all_terms = discovery.terms
 
     def fewer(*arguments: Any) -> list[Term]:
-        return [term for term in all_terms(*arguments) if "|n|^-" not in term.formula]
+        return [term for term in terms(*arguments) if "|n|^-" not in term.formula]
 
     monkeypatch.setattr(discovery, "terms", fewer)
     training, other = (
