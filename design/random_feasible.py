@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from itertools import islice
 
 import numpy as np
-from scipy.sparse.csgraph import connected_components
 
 from design.limits import LimitUse
 from design.trajectories.trajectory import Array, Trajectory, TrajectorySeries
@@ -74,10 +73,7 @@ def _factors(series: TrajectorySeries, limits: Limits, posture: Array, moving: A
             reached = np.array(series.enclosure(moving, order))
             ratio = np.divide(room, reached, out=np.full(room.shape, np.inf), where=room * reached > 0)
             largest = np.minimum(largest, ratio.min(axis=0))
-    owners = (series.mixing != 0).any(axis=1).astype(int)
-    _, group = connected_components(owners @ owners.T)
-    together = np.array([largest[group == g].min() for g in group])
-    return np.asarray(together[owners.argmax(axis=0)], dtype=float)
+    return series.by_coefficient(largest)
 
 
 def _static_posture(

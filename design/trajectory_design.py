@@ -48,7 +48,7 @@ FEW_HARMONIC_STARTS = 48
 each) 17 % of odd starts and 8 % of others lead to the highest optimum: 48 of which five in six are odd miss it for one
 seed in 2700, 24 of which two in three are for one in 34."""
 STARTS_WHEN_SLOW = 6
-"""Random starts where nonlinear limits, dynamic effects or a large series make each take ten times as long."""
+"""Random starts where six axes, dynamic effects or a large series make each take several times as long."""
 LARGE_SERIES = 100
 """Coefficients of a large series: the time of a step grows with their square."""
 NOT_ODD = 3
