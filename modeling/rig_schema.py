@@ -134,7 +134,8 @@ def _positive(value: float) -> float:
     return value
 
 
-Point = Annotated[list[float], Field(min_length=3, max_length=3)]
+Coordinate = Annotated[float, Field(gt=-LARGEST_NUMBER, lt=LARGEST_NUMBER)]
+Point = Annotated[list[Coordinate], Field(min_length=3, max_length=3)]
 PositiveNumber = Annotated[float, AfterValidator(_positive)]
 LimitPair = Annotated[tuple[float, float], BeforeValidator(symmetric_limits)]
 LimitPairs = Annotated[list[LimitPair], Field(min_length=1)]
@@ -215,8 +216,8 @@ class CapsuleTable(StrictTable):
 class HalfSpaceTable(StrictTable):
     """[[half_space]], in m."""
 
-    normal: Annotated[list[float], AfterValidator(_normal)]
-    offset: float
+    normal: Annotated[list[Coordinate], AfterValidator(_normal)]
+    offset: Coordinate
     clearance: Annotated[float, AfterValidator(_not_negative)] = 0.0
 
 
