@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from design.clearance import clearances
 from design.trajectories.trajectory import Array, Trajectory, TrajectorySeries, grid_bound
 from modeling.errors import InputError
 from modeling.kinematics.arm import Arm, PlanarArm, SpatialArm
@@ -79,7 +80,7 @@ def workspace_sides(workspace: Workspace | None, arm: Arm | None) -> dict[str, t
 
     Raises InputError when the plane of the arm has no such coordinate.
     """
-    stated = {} if workspace is None else {n: side for n, side in vars(workspace).items() if side is not None}
+    stated = {} if workspace is None else workspace.sides
     if isinstance(arm, PlanarArm) and "z" in stated:
         what = "limits of x and y were expected of a planar arm, and limits of z came"
         raise InputError(what=what, where="workspace", remedy="limit y, which points up")
@@ -107,7 +108,8 @@ LIMITED_DERIVATIVES = {"position": "", "velocity": "/s", "acceleration": "/s²",
 class LimitedQuantity:
     """The range of one quantity of one joint (or of one coordinate of the tip), and its limits, in `unit`.
 
-    quantity is position, velocity, acceleration, jerk or workspace; name is q1 .. qn, or x, y or z of the tip.
+    quantity is position, velocity, acceleration, jerk, workspace or clearance; name is q1 .. qn, x, y or z of the tip,
+    or what is kept apart.
     """
 
     quantity: str
@@ -176,7 +178,8 @@ class LimitUse(Tabular):
             what = f"limits of {motion.joints} joints were expected, and of {limits.joints} came"
             raise InputError(what=what, where="limits", remedy="give the limits of the trajectory's arm")
         _require_intervals(motion.joints, limits, workspace)
-        return cls(limited_quantities=(*_joints(motion, limits, arm), *_tip(motion, workspace, arm, tip_length)))
+        tip = _tip(motion, workspace, arm, tip_length)
+        return cls(limited_quantities=(*_joints(motion, limits, arm), *tip, *_apart(motion, limits, workspace, arm)))
 
     @cached_property
     def worst(self) -> LimitedQuantity:
@@ -214,7 +217,7 @@ class LimitUse(Tabular):
 def _require_intervals(joints: int, limits: Limits, workspace: Workspace | None) -> None:
     """InputError unless every limit is finite with low below high: use is a share of the interval's half width."""
     pairs = {name: np.asarray(pair) for name, pair in vars(limits).items() if pair is not None}
-    sides = {} if workspace is None else {name: side for name, side in vars(workspace).items() if side is not None}
+    sides = {} if workspace is None else workspace.sides
     given = pairs | {name: np.array([side]) for name, side in sides.items()}
     for name, pair in given.items():
         rows = joints if name in pairs else 1
@@ -252,6 +255,19 @@ def _tip(
     index = [i for i, _ in sides.values()]
     pairs = np.array([side for _, side in sides.values()])
     yield from _limited_quantities("workspace", list(sides), ["m"] * len(sides), (low[index], high[index]), pairs)
+
+
+def _apart(
+    motion: Trajectory, limits: Limits, workspace: Workspace | None, arm: Arm | None
+) -> Iterator[LimitedQuantity]:
+    """The smallest clearance of each pair, beyond what is asked for; its use is a share of half the arm's reach."""
+    asked = clearances(workspace, arm, limits.position)
+    if asked is not None:
+        for name, low in zip(asked.names, asked.lowest(motion), strict=True):
+            limit = (0.0, asked.largest)
+            yield LimitedQuantity(
+                quantity="clearance", name=name, unit="m", low=float(low), high=float(low), limit=limit
+            )
 
 
 def _limited_quantities(

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from itertools import islice
 
 import numpy as np
-from scipy.sparse.csgraph import connected_components
 
-from design.limits import LimitUse
+from design.limits import LimitedQuantity, LimitUse
 from design.trajectories.trajectory import Array, Trajectory, TrajectorySeries
 from modeling.errors import InputError
 from modeling.kinematics.arm import Arm
@@ -46,14 +44,15 @@ def random_feasible_trajectory(
     Raises InputError when no static posture of the series is within the limits and the workspace.
     """
 
-    def use(coefficients: Array) -> float:
-        return LimitUse.of(Trajectory(series, coefficients), limits, workspace, arm, tip_length).worst.use
+    def used(coefficients: Array) -> LimitedQuantity:
+        return LimitUse.of(Trajectory(series, coefficients), limits, workspace, arm, tip_length).worst
 
     rng = np.random.default_rng(seed)
-    posture = _static_posture(series, limits, use, rng)
+    posture = _static_posture(series, limits, used, rng)
     moving = _draw(series, rng)
     moving *= _factors(series, limits, posture, moving) * (1 - LIMIT_MARGIN)
-    scale = 1.0 if use(posture + moving) <= 1 else _largest_feasible(lambda s: use(posture + s * moving) <= 1)
+    whole = used(posture + moving).use <= 1
+    scale = 1.0 if whole else _largest_feasible(lambda s: used(posture + s * moving).use <= 1)
     return Trajectory(series, posture + scale * moving)
 
 
@@ -74,29 +73,35 @@ def _factors(series: TrajectorySeries, limits: Limits, posture: Array, moving: A
             reached = np.array(series.enclosure(moving, order))
             ratio = np.divide(room, reached, out=np.full(room.shape, np.inf), where=room * reached > 0)
             largest = np.minimum(largest, ratio.min(axis=0))
-    owners = (series.mixing != 0).any(axis=1).astype(int)
-    _, group = connected_components(owners @ owners.T)
-    together = np.array([largest[group == g].min() for g in group])
-    return np.asarray(together[owners.argmax(axis=0)], dtype=float)
+    return series.by_coefficient(largest)
 
 
 def _static_posture(
-    series: TrajectorySeries, limits: Limits, use: Callable[[Array], float], rng: np.random.Generator
+    series: TrajectorySeries, limits: Limits, used: Callable[[Array], LimitedQuantity], rng: np.random.Generator
 ) -> Array:
     """Coefficients of the static posture in the middle of the limits, or of the least limit use among a few."""
     low, high = limits.position.T
-    middle = series.rest((low + high) / 2)
-    if use(middle) <= 1:
-        return middle
-    tried = (series.rest(rng.uniform(low, high)) for _ in range(POSTURE_TRIALS))
-    feasible = list(islice((static for static in tried if use(static) <= 1), POSTURE_CANDIDATES))
+    tried = [series.rest((low + high) / 2)]
+    if used(tried[0]).use <= 1:
+        return tried[0]
+    tried += [series.rest(rng.uniform(low, high)) for _ in range(POSTURE_TRIALS)]
+    worst = map(used, tried)
+    feasible, nearest = list[tuple[float, Array]](), list[LimitedQuantity]()
+    for static, at in zip(tried, worst, strict=False):
+        nearest.append(at)
+        if at.use <= 1:
+            feasible.append((at.use, static))
+        if len(feasible) == POSTURE_CANDIDATES:
+            break
     if not feasible:
+        limit = min(nearest, key=lambda at: at.use)
         raise InputError(
-            what="no posture was found at which the series can be static within the position limits and the workspace",
+            what="no posture was found at which the series can be static within the position limits and the workspace:"
+            f" the nearest of {len(nearest)} is beyond the {limit.side} limit of the {limit.quantity} of {limit.name}",
             where="limits",
-            remedy="use a series with an offset, or a larger workspace",
+            remedy="widen that limit, or use a series with an offset",
         )
-    return min(feasible, key=use)
+    return min(feasible, key=lambda pair: pair[0])[1]
 
 
 def _largest_feasible(feasible: Callable[[float], bool]) -> float:

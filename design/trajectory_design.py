@@ -48,7 +48,7 @@ FEW_HARMONIC_STARTS = 48
 each) 17 % of odd starts and 8 % of others lead to the highest optimum: 48 of which five in six are odd miss it for one
 seed in 2700, 24 of which two in three are for one in 34."""
 STARTS_WHEN_SLOW = 6
-"""Random starts where nonlinear limits, dynamic effects or a large series make each take ten times as long."""
+"""Random starts where six axes, dynamic effects or a large series make each take several times as long."""
 LARGE_SERIES = 100
 """Coefficients of a large series: the time of a step grows with their square."""
 NOT_ODD = 3
@@ -68,6 +68,9 @@ LOW_HARMONIC_OPTIMA = 2
 """The best distinct optima of few harmonics that are continued with all."""
 CONTINUED_OPTIMA = 4
 """The same where each start takes long: of six axes any of few harmonics leads to within a few tenths of the best."""
+MOST_WAVES_AT_ONCE = 6
+"""Highest harmonic with which a search without second derivatives starts at once: of five harmonics (seven joints) the
+optima are then 0.4 higher than by four first, of twelve (six joints) 1.1 lower."""
 REFINED_WHEN_SLOW = 2
 """The best distinct optima that are refined then."""
 DISTINCT_OPTIMA = 2e-3
@@ -262,17 +265,14 @@ def _search(
         return optimise(of, begin, work=work, executor=executor, progress=note)
 
     low_task = None if low is None else replace(task, objective=replace(task.objective, series=low))
+    if not quick:
+        return _searched_slowly(task, low_task, [(seed, number) for number in range(count)], run)
     if low_task is None:
         begin = [_start(task, seed, number, FEW_HARMONIC_NOT_ODD) for number in range(count)]
         screened = run("starts", task, begin, screen_start)
         return run("refinement of the best", task, _best(screened, REFINED_OPTIMA), refine_optimum)
-    low_starts = count if not quick else -(-count // LOW_HARMONIC_STARTS)
-    begin = [_start(low_task, seed, number) for number in range(low_starts)]
+    begin = [_start(low_task, seed, number) for number in range(-(-count // LOW_HARMONIC_STARTS))]
     coarse = run("few harmonics", low_task, begin, screen_start)
-    if not quick:
-        begin = [motion.projected(task.objective.series) for motion in _best(coarse, CONTINUED_OPTIMA)]
-        continued = run("all harmonics", task, begin, continue_start)
-        return run("refinement of the best", task, _best(continued, REFINED_WHEN_SLOW), refine_optimum)
     bases = [motion.projected(task.objective.series) for motion in _best(coarse, LOW_HARMONIC_OPTIMA)]
     mixtures = [
         _mixed(bases[number % len(bases)], task.random((seed, count + number)))
@@ -281,6 +281,23 @@ def _search(
     others = [_start(task, seed, number) for number in range(count - count // 2, count)]
     screened = run("all harmonics", task, [*mixtures, *others], screen_start)
     return run("refinement of the best", task, _best(screened, REFINED_OPTIMA), refine_optimum)
+
+
+StageRunner = Callable[[str, DesignTask, Sequence[Trajectory], LocalSearch], tuple[LocalOptimum, ...]]
+
+
+def _searched_slowly(
+    task: DesignTask, low_task: DesignTask | None, seeds: Sequence[tuple[int, int]], run: StageRunner
+) -> tuple[LocalOptimum, ...]:
+    """Local optima of all starts, with few harmonics where the series has many; then of the best with all."""
+    series = task.objective.series
+    if low_task is None or (isinstance(series, FourierSeries) and max(series.waves) <= MOST_WAVES_AT_ONCE):
+        screened = run("starts", task, [task.random(seed) for seed in seeds], screen_start)
+    else:
+        coarse = run("few harmonics", low_task, [low_task.random(seed) for seed in seeds], screen_start)
+        begin = [motion.projected(series) for motion in _best(coarse, CONTINUED_OPTIMA)]
+        screened = run("all harmonics", task, begin, continue_start)
+    return run("refinement of the best", task, _best(screened, REFINED_WHEN_SLOW), refine_optimum)
 
 
 def _start(task: DesignTask, seed: int, number: int, not_odd: int = NOT_ODD) -> Trajectory:

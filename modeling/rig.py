@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from modeling.compiled.cache import cached
 from modeling.errors import InputError, file_text, toml_data
 from modeling.kinematics.arm import Arm, PlanarArm, SpatialArm
-from modeling.kinematics.placement import Direction, unit_direction
+from modeling.kinematics.placement import Direction, Vector3, rotated_vector, translated, unit_direction
 from modeling.table import Table, shortened
 
 UNITS = {"link_lengths": "m", "tip_length": "m", "gravity": "m/s²", "x": "m", "y": "m", "z": "m"}
@@ -38,6 +38,9 @@ def rig_table(data: Mapping[str, Any], joint_unit: str = "rad") -> Table:
 
 def _entries(data: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
     for section, table in data.items():
+        if isinstance(table, list):
+            yield f"[[{section}]]", len(table)
+            continue
         for key, value in table.items():
             if key != "spatial_arm":
                 yield f"{section}.{key}", value
@@ -94,12 +97,52 @@ class Limits:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Capsule:
+    """All points within `radius` of a segment that moves with a link of a spatial arm; a ball where it is one point.
+
+    joint       joints that move it, from the base; 0: it is fixed in the world, an obstacle
+    start, end  of the segment, m, in the frame that the last of them moves (the world, z up, of an obstacle)
+    """
+
+    name: str
+    joint: int
+    start: Vector3
+    end: Vector3
+    radius: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class HalfSpace:
+    """Where the capsules of the arm stay: normal . p + offset >= clearance for all their points, m, in the world, z up.
+
+    normal is a unit vector.
+    """
+
+    normal: Vector3
+    offset: float
+    clearance: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
 class Workspace:
-    """Allowed box of the tip, low and high in m (planar: x right, y up; in space: z up); None is unbounded."""
+    """Where the arm may move.
+
+    x, y, z      allowed box of the tip, low and high in m (planar: x right, y up; in space: z up); None is unbounded
+    capsules     of the arm's links and of obstacles, which keep `clearance` (m) from one another
+    half_spaces  in which the capsules of the arm's links stay
+    """
 
     x: tuple[float, float] | None = None
     y: tuple[float, float] | None = None
     z: tuple[float, float] | None = None
+    clearance: float = 0.0
+    capsules: tuple[Capsule, ...] = ()
+    half_spaces: tuple[HalfSpace, ...] = ()
+
+    @property
+    def sides(self) -> dict[str, tuple[float, float]]:
+        """The stated sides of the tip's box, by axis."""
+        return {axis: side for axis in "xyz" if (side := getattr(self, axis)) is not None}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -191,7 +234,7 @@ class Rig:
 
     @classmethod
     def _of_tables(cls, tables: RigTables, *, where: str, folder: Path) -> Self:
-        robot, limits, workspace = tables["robot"], tables["limits"], tables["workspace"]
+        robot, limits = tables["robot"], tables["limits"]
         lengths, arm, direction = robot["link_lengths"], _spatial_arm(robot, where, folder), robot["gravity_direction"]
         return cls(
             **_stated({key: value for key, value in robot.items() if key not in _CONVERTED}),
@@ -199,7 +242,7 @@ class Rig:
             link_lengths=None if lengths is None else tuple(lengths),
             spatial_arm=arm,
             limits=None if limits is None else _limits(limits, arm, where),
-            workspace=None if workspace is None else _workspace(workspace),
+            workspace=_workspace(tables, arm, where, folder),
             sensor=_sensor(tables["sensor"]),
             columns=tables["columns"],
         )
@@ -251,7 +294,7 @@ class Rig:
         if self.limits is not None:
             data["limits"] = _stated({name: _listed(pairs) for name, pairs in vars(self.limits).items()})
         if self.workspace is not None:
-            data["workspace"] = _stated({name: _listed(pair) for name, pair in vars(self.workspace).items()})
+            data |= _workspace_data(self.workspace)
         return data
 
 
@@ -322,8 +365,69 @@ def _limits_of_urdf(arm: SpatialArm | None, name: str, where: str) -> list[tuple
     return [getattr(joint, name) for joint in chain]
 
 
-def _workspace(table: Mapping[str, list[float] | None]) -> Workspace:
-    return Workspace(**{axis: None if ends is None else (ends[0], ends[1]) for axis, ends in table.items()})
+def _workspace_data(workspace: Workspace) -> dict[str, Any]:
+    """The sections of the rig's data that the workspace is made of."""
+    box: dict[str, Any] = {axis: list(side) for axis, side in workspace.sides.items()}
+    if workspace.clearance:
+        box["clearance"] = workspace.clearance
+    solids = {"capsule": workspace.capsules, "half_space": workspace.half_spaces}
+    listed = {name: [dict(vars(solid)) for solid in some] for name, some in solids.items() if some}
+    for solid in (solid for some in listed.values() for solid in some):
+        solid |= {key: list(value) for key, value in solid.items() if isinstance(value, tuple)}
+    return {"workspace": box} | listed
+
+
+def _workspace(tables: RigTables, arm: SpatialArm | None, where: str, folder: Path) -> Workspace | None:
+    """The box, the capsules and the half-spaces that the tables state; None where they state none."""
+    box, capsules, half_spaces = tables["workspace"], tables["capsule"], tables["half_space"]
+    if box is None and not capsules and not half_spaces:
+        return None
+    if (capsules or half_spaces) and arm is None:
+        what = "[[capsule]] and [[half_space]] are of arms that are read from a URDF, and the rig states none"
+        raise InputError(what=what, where=where, remedy="state robot.urdf, or leave them out")
+    if half_spaces and not any(capsule["joint"] != 0 for capsule in capsules):
+        what = "[[half_space]]: no [[capsule]] moves with the arm, to be kept inside"
+        raise InputError(what=what, where=where, remedy="add the capsules of the arm's links")
+    links: Mapping[str, Any] = {}
+    if any(capsule["link"] is not None for capsule in capsules):
+        from modeling.kinematics.urdf import link_frames  # slow to import
+
+        robot = tables["robot"]
+        links = link_frames(folder / robot["urdf"], robot["sensor_frame"]) if robot["urdf"] else {}
+    sides: dict[str, Any] = {} if box is None else _stated(box)
+    return Workspace(
+        **{axis: (sides[axis][0], sides[axis][1]) for axis in "xyz" if axis in sides},
+        clearance=sides.get("clearance", 0.0),
+        capsules=tuple(_capsule(n, table, links, arm, where) for n, table in enumerate(capsules, start=1)),
+        half_spaces=tuple(_half_space(table) for table in half_spaces),
+    )
+
+
+def _capsule(
+    number: int, table: Mapping[str, Any], links: Mapping[str, Any], arm: SpatialArm | None, where: str
+) -> Capsule:
+    """The capsule of a table, in the frame that its last joint moves."""
+    start, end = table["start"], table["end"] or table["start"]
+    joint, link = table["joint"] or 0, table["link"]
+    if link is not None:
+        if link not in links:
+            what = f"capsule[{number - 1}].link: no link '{link}' between the root and the sensor"
+            raise InputError(what=what, where=where, remedy=f"name one of {', '.join(links)}")
+        joint, frame = links[link]
+        start, end = (translated(frame.position, rotated_vector(frame.quaternion, point)) for point in (start, end))
+    if arm is not None and joint > arm.joints:
+        what = f"capsule[{number - 1}].joint: the arm has {arm.joints} joints, got {joint}"
+        raise InputError(what=what, where=where, remedy="give the number of joints that move the capsule")
+    name = table["name"] or link or (f"capsule {number}" if joint else f"obstacle {number}")
+    x, y, z = start
+    i, j, k = end
+    return Capsule(name=name, joint=joint, start=(x, y, z), end=(i, j, k), radius=table["radius"])
+
+
+def _half_space(table: Mapping[str, Any]) -> HalfSpace:
+    """The half-space of a table, its normal of length one."""
+    x, y, z = unit_direction(table["normal"])
+    return HalfSpace(normal=(x, y, z), offset=table["offset"], clearance=table["clearance"])
 
 
 def _sensor(table: Mapping[str, Any]) -> SensorDescription:

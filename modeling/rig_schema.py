@@ -110,6 +110,18 @@ def _direction(components: list[float]) -> list[float]:
     return list(unit_direction(components))
 
 
+def _normal(components: list[float]) -> list[float]:
+    if len(components) != 3 or not any(components):
+        raise ValueError(f"expected a normal such as [0, 0, 1], got {components}")
+    return components
+
+
+def _not_negative(value: float) -> float:
+    if not 0 <= value < LARGEST_NUMBER:
+        raise ValueError(f"expected zero or a positive number of m, got {value}")
+    return value
+
+
 def _gravity(value: float) -> float:
     if not SMALLEST_NUMBER < value <= LARGEST_GRAVITY:
         raise ValueError(f"expected m/s², above 0 and up to {LARGEST_GRAVITY:g}, as 9.806 on Earth")
@@ -122,6 +134,8 @@ def _positive(value: float) -> float:
     return value
 
 
+Coordinate = Annotated[float, Field(gt=-LARGEST_NUMBER, lt=LARGEST_NUMBER)]
+Point = Annotated[list[Coordinate], Field(min_length=3, max_length=3)]
 PositiveNumber = Annotated[float, AfterValidator(_positive)]
 LimitPair = Annotated[tuple[float, float], BeforeValidator(symmetric_limits)]
 LimitPairs = Annotated[list[LimitPair], Field(min_length=1)]
@@ -179,6 +193,32 @@ class WorkspaceTable(StrictTable):
     x: LimitInterval | None = None
     y: LimitInterval | None = None
     z: LimitInterval | None = None
+    clearance: Annotated[float, AfterValidator(_not_negative)] = 0.0
+
+
+class CapsuleTable(StrictTable):
+    """[[capsule]], in m: of a link of the URDF, of so many joints, or, with neither, fixed in the world."""
+
+    name: str = ""
+    link: str | None = None
+    joint: Annotated[int, Field(ge=0)] | None = None
+    start: Point
+    end: Point | None = None
+    radius: PositiveNumber
+
+    @model_validator(mode="after")
+    def _one_place(self) -> Self:
+        if self.link is not None and self.joint is not None:
+            raise ValueError("expected link or joint, got both")
+        return self
+
+
+class HalfSpaceTable(StrictTable):
+    """[[half_space]], in m."""
+
+    normal: Annotated[list[Coordinate], AfterValidator(_normal)]
+    offset: Coordinate
+    clearance: Annotated[float, AfterValidator(_not_negative)] = 0.0
 
 
 class SensorTable(StrictTable):
@@ -204,6 +244,8 @@ class RigTable(StrictTable):
     robot: RobotTable = RobotTable()
     limits: LimitsTable | None = None
     workspace: WorkspaceTable | None = None
+    capsule: list[CapsuleTable] = []
+    half_space: list[HalfSpaceTable] = []
     sensor: SensorTable = SensorTable()
     columns: dict[str, Any] | None = None
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from design.limits import LIMITED_DERIVATIVES, LimitedQuantity, LimitUse, workspace_sides
+from design.limits import LIMITED_DERIVATIVES, LimitedQuantity, LimitUse
 from design.optimiser.limit_constraints import LimitConstraints
 from design.optimiser.objective import (
     AdjointDerivatives,
@@ -84,8 +84,8 @@ class DesignTask:
         motion = self.random(seed)
         return self.towards_rest(motion.odd() if odd else motion, VARIED_LIMIT_USE)
 
-    def towards_rest(self, motion: Trajectory, factor: float) -> Trajectory:
-        """The trajectory scaled by `factor` about its mean posture."""
+    def towards_rest(self, motion: Trajectory, factor: float | Array) -> Trajectory:
+        """The trajectory scaled by a factor, or by one for each coefficient (k,), about its mean posture."""
         static = self.still(motion)
         return replace(motion, coefficients=static + factor * (motion.coefficients - static))
 
@@ -95,15 +95,10 @@ class DesignTask:
         return series.rest(motion.derivative(series.instants(self.objective.samples), 0).mean(axis=0))
 
     @property
-    def linear(self) -> bool:
-        """Whether all limits are linear in the coefficients."""
-        return self.workspace is None or not workspace_sides(self.workspace, self.arm)
-
-    @property
     def second_order(self) -> bool:
         """Whether exact second derivatives are used: of the planar models' few parameters they cost four gradients."""
         arm = self.objective.experiment.arm
-        return self.linear and self.objective.exact and arm is not None and arm.space is Space.PLANE
+        return self.objective.exact and arm is not None and arm.space is Space.PLANE
 
     @cached_property
     def derivatives(self) -> ObjectiveDerivatives:
@@ -143,28 +138,30 @@ def contracted_into_limits(task: DesignTask, motion: Trajectory) -> Trajectory |
     if use.worst.use <= 1:
         return motion
     static = task.use(task.towards_rest(motion, 0.0))
-    pairs = zip(use.limited_quantities, static.limited_quantities, strict=True)
-    linear = [(moving, posture) for moving, posture in pairs if moving.quantity in LIMITED_DERIVATIVES]
-    if max(posture.use for _, posture in linear) > 1:
-        return None
-    contracted = task.towards_rest(motion, _linear_factor(linear))
+    factors = np.ones(motion.joints)
+    for moving, posture in zip(use.limited_quantities, static.limited_quantities, strict=True):
+        if moving.quantity in LIMITED_DERIVATIVES:
+            if posture.use > 1:
+                return None
+            joint = int(moving.name[1:]) - 1
+            factors[joint] = min(factors[joint], _linear_factor(moving, posture))
+    contracted = task.towards_rest(motion, motion.series.by_coefficient(factors))
     if task.use(contracted).worst.use <= 1:
         return contracted
     return None if static.worst.use > 1 else _bisected(task, contracted)
 
 
-def _linear_factor(pairs: Sequence[tuple[LimitedQuantity, LimitedQuantity]]) -> float:
-    """The largest contraction factor about the mean posture for limits that are linear: ranges moving, and static."""
+def _linear_factor(moving: LimitedQuantity, static: LimitedQuantity) -> float:
+    """The largest contraction factor about the mean posture for a limit that is linear in the trajectory."""
     factors = [
         slack / excursion
-        for moved, posture in pairs
         for excursion, slack in (
-            (moved.high - posture.high, moved.limit[1] - posture.high),
-            (posture.low - moved.low, posture.low - moved.limit[0]),
+            (moving.high - static.high, moving.limit[1] - static.high),
+            (static.low - moving.low, static.low - moving.limit[0]),
         )
         if excursion > slack
     ]
-    return ROUNDING_CONTRACTION * min(factors, default=1.0)
+    return ROUNDING_CONTRACTION * min(factors) if factors else 1.0
 
 
 def _bisected(task: DesignTask, motion: Trajectory) -> Trajectory:

@@ -118,8 +118,8 @@ class InteriorPoint:
 
         (H + A' diag(y / s) A) dz = f'(z) - A'(mu / s_high - mu / s_low),
 
-    k equations whatever the number of rows. H is -f''(z) where the objective has it (all limits are linear then), else
-    what the last steps say of the curvature of f and of nonlinear limits. Where the matrix is not positive definite its
+    k equations whatever the number of rows. H is -f''(z) where the objective has it, without the curvature of limits
+    that are not linear, else what the last steps say of both. Where the matrix is not positive definite its
     eigenvalues are replaced by their absolute values, so that the step is a descent direction (Gill, Murray and Wright
     1981, section 4.4.2.1). Steps are halved until the barrier problem's value decreases enough; mu follows Waechter and
     Biegler (2006).

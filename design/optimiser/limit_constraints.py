@@ -10,6 +10,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from design.clearance import clearances
 from design.limits import workspace_sides
 from design.optimiser.objective import SampledFunction
 from design.trajectories.trajectory import TrajectorySeries
@@ -196,10 +197,51 @@ FINE_PER_PIECE = 4
 TIP_MARGIN = 0.01
 """Margin of the tip inside the workspace, m: contracting a trajectory by the thousandths by which its joints exceed
 their limits moves the tip by millimetres, not always inwards."""
+CLEARANCE_MARGIN = 0.003
+"""The same of clearances, m, which are often a few centimetres: more of it is lost than a contraction moves."""
 LARGEST_MARGIN_SHARE = 0.01
 """The margin is no more than this share of the workspace's half width, so that a narrow one stays."""
 NEAR_LIMIT = 0.8
 """Share of a limit above which it is imposed at the fine instants; elsewhere at the medium ones."""
+
+
+@dataclass(frozen=True, eq=False)
+class LimitedPlaces:
+    """The limits of a workspace as functions of the joints' positions: the tip's box, and clearances.
+
+    middle, half (S,): of each, m, within a margin.
+    """
+
+    measures: tuple[PlaceMeasure, ...]
+    middle: Array
+    half: Array
+
+    @classmethod
+    def of(
+        cls, limits: Limits, workspace: Workspace | None, arm: Arm | None, tip_length: float | None
+    ) -> LimitedPlaces | None:
+        """None where the workspace limits nothing."""
+        sides, apart = workspace_sides(workspace, arm), clearances(workspace, arm, limits.position)
+        measures, ends = list[PlaceMeasure](), [side for _, side in sides.values()]
+        margins = [min(TIP_MARGIN, LARGEST_MARGIN_SHARE * (high - low) / 2) for low, high in ends]
+        if sides and arm is not None:
+            measures.append(TipCoordinates(arm, tip_length or 0.0, tuple(index for index, _ in sides.values())))
+        if apart is not None:
+            measures.append(apart)
+            ends += [(0.0, apart.largest)] * len(apart.names)
+            margins += [CLEARANCE_MARGIN] * len(apart.names)
+        if not measures:
+            return None
+        low, high = np.array(ends, dtype=float).T
+        return cls(tuple(measures), (low + high) / 2, (high - low) / 2 - np.array(margins))
+
+    def values(self, q: Array) -> Array:
+        """(N, S) at positions (N, n)."""
+        return np.hstack([measure.values(q) for measure in self.measures])
+
+    def slopes(self, q: Array) -> Array:
+        """(N, S, n) at positions (N, n)."""
+        return np.concatenate([measure.slopes(q) for measure in self.measures], axis=1)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -207,16 +249,15 @@ class LimitConstraints:
     """(x - middle) / half width within [-1, 1] for position, velocity, acceleration (and jerk) at some instants.
 
     instants   by derivative and joint, s
-    tip        instants at which the workspace limits are imposed on the tip, s
+    still      instants at which the limits of places are imposed, s
+    places     what these limits are of, where there are any
     """
 
     series: TrajectorySeries
     limits: Limits
     instants: Instants
-    tip: Array
-    arm: Arm | None = None
-    workspace: Workspace | None = None
-    tip_length: float = 0.0
+    still: Array
+    places: LimitedPlaces | None = None
 
     @classmethod
     def medium(
@@ -234,28 +275,23 @@ class LimitConstraints:
             series=series,
             limits=limits,
             instants={(order, j): some for order in limited_orders(limits) for j in range(series.joints)},
-            tip=some,
-            arm=arm,
-            workspace=workspace if workspace is not None and workspace_sides(workspace, arm) else None,
-            tip_length=tip_length or 0.0,
+            still=some,
+            places=LimitedPlaces.of(limits, workspace, arm, tip_length),
         )
 
     def refined(self, coefficients: Array) -> Self:
         """With all fine instants at which the trajectory is near a limit, and those of its extremes beyond it."""
         fine = _instants(self.series)[1]
         instants = {key: _more(times, fine, self._use(coefficients, key, fine)) for key, times in self.instants.items()}
-        return replace(self, instants=instants, tip=_more(self.tip, fine, self._tip_use(coefficients, fine)))
+        return replace(self, instants=instants, still=_more(self.still, fine, self._place_use(coefficients, fine)))
 
     @cached_property
     def rows(self) -> LimitRows:
         """The limits at the instants."""
-        if self.workspace is None or self.arm is None:
-            return LimitRows(self.polytope)
-        index, low, high = workspace_box(self.workspace, self.arm)
-        half = (high - low) / 2
-        half = half - np.minimum(TIP_MARGIN, LARGEST_MARGIN_SHARE * half)
-        tip = TipCoordinates(self.arm, self.tip_length, tuple(index))
-        return LimitRows(self.polytope, PlaceRows(tip, self.series.basis(self.tip, 0), (low + high) / 2, half))
+        return LimitRows(self.polytope, None if self.places is None else self._place_rows(self.places, self.still))
+
+    def _place_rows(self, places: LimitedPlaces, times: Array) -> PlaceRows:
+        return PlaceRows(places, self.series.basis(times, 0), places.middle, places.half)
 
     @cached_property
     def polytope(self) -> Polytope:
@@ -284,13 +320,11 @@ class LimitConstraints:
         value = self.series.evaluate(coefficients, times, order)[:, joint]
         return np.asarray(np.abs(value - middle[joint]) / half[joint])
 
-    def _tip_use(self, coefficients: Array, times: Array) -> Array:
-        if self.workspace is None or self.arm is None:
+    def _place_use(self, coefficients: Array, times: Array) -> Array:
+        if self.places is None:
             return np.zeros(len(times))
-        index, low, high = workspace_box(self.workspace, self.arm)
-        q = self.series.evaluate(coefficients, times, 0)
-        tip = np.array(self.arm.tip(self.tip_length).map(len(times))(q.T))[index].T
-        return np.asarray((np.abs(tip - (low + high) / 2) / ((high - low) / 2)).max(axis=1))
+        value = self._place_rows(self.places, times).value(coefficients)
+        return np.asarray(np.abs(value).reshape(len(times), -1).max(axis=1))
 
 
 def limited_orders(limits: Limits) -> tuple[int, ...]:
@@ -303,13 +337,6 @@ def middle_and_half(limits: Limits, order: int) -> tuple[Array, Array]:
     pairs = (limits.position, limits.velocity, limits.acceleration, limits.jerk)[order]
     assert pairs is not None
     return pairs.mean(axis=1), (pairs[:, 1] - pairs[:, 0]) / 2
-
-
-def workspace_box(workspace: Workspace, arm: Arm | None) -> tuple[list[int], Array, Array]:
-    """Indices of the tip coordinates that the workspace limits, and their low and high in m."""
-    stated = workspace_sides(workspace, arm).values()
-    low, high = np.array([side for _, side in stated], dtype=float).reshape(-1, 2).T
-    return [index for index, _ in stated], low, high
 
 
 def _instants(series: TrajectorySeries) -> tuple[Array, Array]:

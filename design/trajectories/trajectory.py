@@ -9,6 +9,7 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
+from scipy.sparse.csgraph import connected_components
 
 from modeling.errors import InputError
 
@@ -91,6 +92,15 @@ class TrajectorySeries(ABC):
         target = np.multiply.outer(np.asarray(posture, dtype=float), self.unity)
         solution = np.linalg.lstsq(self.mixing.reshape(target.size, -1), target.ravel(), rcond=None)[0]
         return np.asarray(solution, dtype=float)
+
+    def by_coefficient(self, factors: Array) -> Array:
+        """(k,): for each coefficient the least of the factors (n,) of all joints that it moves, directly or by joints
+        that share coefficients: scaled by it, each joint of a motion is scaled as a whole.
+        """
+        owners = (self.mixing != 0).any(axis=1).astype(int)
+        _, group = connected_components(owners @ owners.T)
+        together = np.array([factors[group == g].min() for g in group])
+        return np.asarray(together[owners.argmax(axis=0)], dtype=float)
 
 
 @dataclass(frozen=True, eq=False)

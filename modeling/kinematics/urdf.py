@@ -50,6 +50,20 @@ def read_urdf(path: str | Path, sensor_frame: str | None) -> SpatialArm:
     return SpatialArm(tuple(chain), placement)
 
 
+def link_frames(path: str | Path, sensor_frame: str | None) -> dict[str, tuple[int, Placement]]:
+    """Of each link from the root to the sensor's: the joints that move it, and its place in the last one's frame."""
+    description = _Description.of(_robot(Path(path)), str(path))
+    elements = description.joints_to(description.frame(sensor_frame))
+    joints, placement = 0, IDENTITY_PLACEMENT
+    frames = {_link(elements[0], "parent"): (joints, placement)}
+    for element in elements:
+        read = _JointElement(element, str(path))
+        moves = read.kind is not None
+        joints, placement = joints + moves, IDENTITY_PLACEMENT if moves else placement.then(read.placement)
+        frames[_link(element, "child")] = (joints, placement)
+    return frames
+
+
 class _RestrictedTreeBuilder(ElementTree.TreeBuilder):
     """XML tree builder that refuses a document type, so that no entities can be declared."""
 

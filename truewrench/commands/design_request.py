@@ -148,9 +148,9 @@ class DesignRequest:
     def pool(self) -> Iterator[Executor]:
         """Process pool of --workers, one for each core by default.
 
-        One worker, too, is a process of its own: IPOPT runs for minutes, and what interrupts it from within CasADi it
-        takes for a failed evaluation. Workers do not see the signals that end the command, which reach every process
-        of a terminal: they are killed when it is interrupted.
+        One worker, too, is a process of its own, so that an interrupt never comes within CasADi. Workers do not see
+        the signals that end the command, which reach every process of a terminal: they are killed when it is
+        interrupted.
         """
         others = set(active_children())
         workers = self.options.workers or available_cores()
