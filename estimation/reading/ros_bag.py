@@ -145,10 +145,9 @@ def messages(path: Path) -> Iterator[tuple[str, str, int, Any]]:
 
 def _opened(path: Path) -> AnyReader:
     """A reader of a bag, of any version."""
-    from rosbags.highlevel import AnyReader  # slow to import
-    from rosbags.typesys import Stores, get_typestore
+    from rosbags import highlevel, typesys  # slow to import
 
-    return AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
+    return highlevel.AnyReader([path], default_typestore=typesys.get_typestore(typesys.Stores.ROS2_HUMBLE))
 
 
 class _Topics:
