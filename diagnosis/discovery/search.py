@@ -377,10 +377,13 @@ def best_term(search: TermSearch, held_out: Sequence[TermSearch], candidates: Ca
     winner = judged[0]
     p_value = min(1.0, candidates.tests[search.of_motion(winner.scored.term)] * search.test(winner.scored).p_value())
     near = []
-    for each in judged[1:]:
-        nats, better = (winner.evidence(rows) - each.evidence(rows)) / 2, (each.together - winner.together) / 2 / level
+    for other in judged[1:]:
+        nats, better = (
+            (winner.evidence(rows) - other.evidence(rows)) / 2,
+            (other.together - winner.together) / 2 / level,
+        )
         if nats <= np.log(ODDS) or better >= np.log(ODDS):
-            near.append((each.scored, float(np.exp(nats))))
+            near.append((other.scored, float(np.exp(nats))))
     return FoundTerm(winner, p_value, tuple(near))
 
 

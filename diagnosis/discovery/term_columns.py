@@ -76,7 +76,7 @@ class TermColumns:
             each = np.einsum("nppl->npl", slopes.reshape(*slopes.shape[:2], len(channels), len(channels)))
             columns = columns * each[:, :, [channels.index(term.load) for term in terms], None]
         else:
-            columns = np.einsum("npc,ncga->npga", slopes, columns)
+            columns = (slopes @ columns.reshape(len(columns), slopes.shape[2], -1)).reshape(columns.shape)
         return ReadingSummand(columns, periodic, response.unfiltered).whitened(rows, whitener)
 
     def _readings(self, term: Term, number: int, *, periodic: bool) -> Array:

@@ -226,10 +226,10 @@ class Gain(SymbolicMap):
 
     def map(self, reading: sp.Matrix) -> sp.Matrix:
         """matrix · sign · reading."""
-        signed = sp.diag(*self.sign) * reading
+        sign = sp.diag(*self.sign)
         channels = next(space.channels for space in Space if len(space.channels) == len(self.sign))
-        loads = dict(zip(signals(*channels), signed, strict=True))
-        return self.matrix.xreplace(loads) * signed
+        loads = dict(zip(signals(*channels), sign * reading, strict=True))
+        return self.matrix.xreplace(loads) * sign * reading
 
     def formula(self, reading: str) -> StageFormula:
         """G reading."""
