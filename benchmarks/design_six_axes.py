@@ -58,10 +58,11 @@ def sample(arm: SpatialArm, gravity: float, tip_length: float) -> tuple[Any, Any
         if joint is not None:
             if joint.kind is JointKind.PRISMATIC:
                 raise InputError(what="it has a prismatic joint", where="arm", remedy="take one of revolute joints")
-            across, along = ca.skew(ca.DM(joint.axis)), ca.DM(joint.axis)
+            across = ca.skew(ca.DM(joint.axis))
             turn = turn @ (ca.SX.eye(3) + ca.sin(q[j]) * across + (1 - ca.cos(q[j])) * (across @ across))
         spin, bend, push, turned = turn.T @ spin, turn.T @ bend, turn.T @ push, turned @ turn
         if joint is not None:
+            along = ca.DM(joint.axis)
             bend += ca.cross(spin, along * dq[j]) + along * ddq[j]
             spin += along * dq[j]
 

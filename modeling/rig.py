@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
 from pathlib import Path
+from types import ModuleType
 from typing import Any, Self, TypeAlias
 
 import numpy as np
@@ -328,13 +329,18 @@ def _spatial_arm(robot: Mapping[str, Any], where: str, folder: Path) -> SpatialA
         return SPATIAL_ARM.validate_python(robot["spatial_arm"])
     if robot["urdf"] is None:
         return None
-    from modeling.kinematics.urdf import read_urdf  # and so is the XML parser
-
     path = folder / robot["urdf"]
     if not path.exists():
         what = f"urdf: there is no file {robot['urdf']} in {folder.absolute()}, the folder of the rig file"
         raise InputError(what=what, where=where, remedy="give its path from that folder, or an absolute one")
-    return read_urdf(path, robot["sensor_frame"])
+    arm: SpatialArm = _urdf_reader().read_urdf(path, robot["sensor_frame"])
+    return arm
+
+
+def _urdf_reader() -> ModuleType:
+    from modeling.kinematics import urdf  # the XML parser is slow to import
+
+    return urdf
 
 
 def _limits(table: Mapping[str, list[list[float]] | None], arm: SpatialArm | None, where: str) -> Limits:
@@ -390,10 +396,8 @@ def _workspace(tables: RigTables, arm: SpatialArm | None, where: str, folder: Pa
         raise InputError(what=what, where=where, remedy="add the capsules of the arm's links")
     links: Mapping[str, Any] = {}
     if any(capsule["link"] is not None for capsule in capsules):
-        from modeling.kinematics.urdf import link_frames  # slow to import
-
         robot = tables["robot"]
-        links = link_frames(folder / robot["urdf"], robot["sensor_frame"]) if robot["urdf"] else {}
+        links = _urdf_reader().link_frames(folder / robot["urdf"], robot["sensor_frame"]) if robot["urdf"] else {}
     sides: dict[str, Any] = {} if box is None else _stated(box)
     return Workspace(
         **{axis: (sides[axis][0], sides[axis][1]) for axis in "xyz" if axis in sides},

@@ -10,6 +10,7 @@ from functools import lru_cache
 from time import perf_counter
 
 import numpy as np
+from numpy.typing import NDArray
 
 from design.optimiser.design_task import DesignTask, contracted_into_limits
 from design.optimiser.interior_point import InteriorPoint, OptimiserSolution, TerminationStatus
@@ -17,6 +18,8 @@ from design.optimiser.limit_constraints import LimitConstraints, LimitRows
 from design.optimiser.objective import ObjectiveDerivatives
 from design.trajectories.trajectory import Trajectory
 from modeling.errors import InputError
+
+Array = NDArray[np.float64]
 
 CONTRACTION_TOLERANCE = 0.01
 """Nats that contraction into the limits may cost before the limits are imposed at more instants."""
@@ -144,14 +147,17 @@ def _solved(
 ) -> OptimiserSolution:
     """The interior-point solution from a start that is contracted until it is strictly feasible."""
     first = quality.barrier / (2 * len(limits))
+    insides = list[Array]()
     for static in (task.still(start), task.objective.series.rest(task.limits.position.mean(axis=1))):
         share = limits.reach(static, start.coefficients, quality.margin)
         if share is not None:
-            inside = static + share * (start.coefficients - static)
-            return InteriorPoint(derivatives, limits).solve(
-                inside, first=max(first, last), last=last, iterations=task.iterations
-            )
-    raise _infeasible()
+            insides.append(static + share * (start.coefficients - static))
+    if not insides and limits.slack(start.coefficients).min() > 0:  # about a posture outside limits not linear
+        insides.append(start.coefficients)
+    if not insides:
+        raise _infeasible(task, start)
+    method = InteriorPoint(derivatives, limits)
+    return method.solve(insides[0], first=max(first, last), last=last, iterations=task.iterations)
 
 
 RoundSolver = Callable[[LimitConstraints, Trajectory, int], OptimiserSolution]
@@ -183,14 +189,19 @@ def _refined(
             break
         rows = rows.refined(solution.coefficients)
     if best is None:
-        raise _infeasible()
+        raise _infeasible(task, start)
     outcome = ended if best is given else best.outcome  # nothing found was better than the start: why, is known
     return replace(best, outcome=outcome, evaluations=evaluations, seconds=perf_counter() - begun)
 
 
-def _infeasible() -> InputError:
+def _infeasible(task: DesignTask, start: Trajectory) -> InputError:
+    """Names the limit that the start's mean posture uses most."""
+    at = task.use(task.towards_rest(start, 0.0)).worst
     remedy = "widen them, or give a series with more freedom (an offset, more harmonics)"
-    return InputError(what="no trajectory within the limits was found", where="limits", remedy=remedy)
+    what = "no trajectory within the limits was found"
+    if at.use >= 1:
+        what += f": the posture nearest to them is at or beyond the {at.side} limit of the {at.quantity} of {at.name}"
+    return InputError(what=what, where="limits", remedy=remedy)
 
 
 def contracted_optimum(task: DesignTask, motion: Trajectory, outcome: TerminationStatus) -> LocalOptimum | None:
