@@ -905,7 +905,7 @@ def test_every_file_of_a_command_is_known_as_read_or_written() -> None:
         for action in command._actions
         if names.fullmatch(str(action.metavar))
     }
-    assert files == {*READ, "out", "plot", "report"}
+    assert files == {*READ, "out", "play", "plot", "report"}
 
 
 def test_a_result_in_a_folder_that_cannot_be_is_refused_before_any_work(inputs: Inputs, run: Runner) -> None:
