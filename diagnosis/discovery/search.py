@@ -310,8 +310,8 @@ class FoundTerm:
     """The best term of a search, and those that cannot be told from it.
 
     p_value      of its score on the fitted motion, corrected for all terms tested
-    alternatives  other terms within `ODDS`, or better but for their length, with the odds of the best against them, the
-                  nearest first
+    alternatives  other terms within `ODDS`, or that the data alone do not tell from it by as much, nor their length by
+                  as much again, or better but for their length; with the odds of the best against them, nearest first
     """
 
     best: HeldOutTerm
@@ -378,11 +378,10 @@ def best_term(search: TermSearch, held_out: Sequence[TermSearch], candidates: Ca
     p_value = min(1.0, candidates.tests[search.of_motion(winner.scored.term)] * search.test(winner.scored).p_value())
     near = []
     for other in judged[1:]:
-        nats, better = (
-            (winner.evidence(rows) - other.evidence(rows)) / 2,
-            (other.together - winner.together) / 2 / level,
-        )
-        if nats <= np.log(ODDS) or better >= np.log(ODDS):
+        nats = (winner.evidence(rows) - other.evidence(rows)) / 2
+        by_data = (winner.together - other.together) / 2 / level  # without the length of the terms
+        told_by_length = by_data <= np.log(ODDS) and nats <= 2 * np.log(ODDS)
+        if nats <= np.log(ODDS) or told_by_length or by_data <= -np.log(ODDS):
             near.append((other.scored, float(np.exp(nats))))
     return FoundTerm(winner, p_value, tuple(near))
 
