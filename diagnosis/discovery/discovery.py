@@ -282,7 +282,7 @@ def discover(
     first = fitted = in_noise_beside_columns(model if isinstance(model, Fit) else fit(model, training))
     leaves, angles, inputs = recorded_leaves(fitted, held_out)
     grammar = terms(leaves, angles, list(inputs), fitted.model.channels, complexity)
-    equations: list[FoundEquation] = []
+    tested, equations = len(grammar), list[FoundEquation]()
     rejected: FoundTerm | None = None
     while (number := len(equations) + 1) <= MOST_TERMS:
         search = TermSearch(fitted, leaves, shape_ranges(fitted, leaves))
@@ -307,7 +307,8 @@ def discover(
         if found.best.scored.term in [e.found.best.scored.term for e in equations]:
             rejected = found
             break
-        if not _is_determined(after, effect):  # amplitude and shape are one number here: another term says it plainly
+        # Amplitude and shape are one number here: another term says it plainly.
+        if not _is_determined(after, effect) and tested - len(grammar) < MOST_SET_ASIDE:
             undetermined = replace(found.best.scored.term, kept=None)
             grammar = [term for term in grammar if replace(term, kept=None) != undetermined]
             continue
@@ -337,7 +338,7 @@ def discover(
     misfits = not equations and compare(first).lack_of_fit < LEVELS.held_out
     depends = depends_on(first) if misfits else {}
     done = tuple(_with_parameters(equation, fitted) for equation in equations)
-    return Discovery(first, fitted, tuple(held_out), done, len(grammar), complexity, depends, rejected, left)
+    return Discovery(first, fitted, tuple(held_out), done, tested, complexity, depends, rejected, left)
 
 
 MOST_COMPLEX = 8
@@ -368,6 +369,8 @@ def _refitted(
     return in_noise_beside_columns(after.in_noise(reestimated_noise(after))), effect
 
 
+MOST_SET_ASIDE = 5
+"""Terms that give way to plainer ones: each costs a search of all others; the next is told with its std as it is."""
 DETERMINED = 2.0
 """Std from zero of an amplitude whose term was found significant: less is said by no equation."""
 
