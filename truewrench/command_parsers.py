@@ -23,6 +23,7 @@ from truewrench.options import (
     add_repeatable,
     add_report,
     add_workers,
+    duration,
     finite,
     positive,
     worker_count,
@@ -301,6 +302,11 @@ def compensate(commands: Subcommands[Any]) -> argparse.ArgumentParser:
     command.add_argument("--axes", choices=("sensor", "pose", "base"), help=text)
     text = "distance of the force at the tip from the sensor along the tip, planar, m (default: the rig's tip_length)"
     command.add_argument("--tip-length", type=positive, metavar="M", help=text)
+    text = (
+        "smooth the wrench at this lag, such as 20ms: each row takes readings until so much later, weighted against the"
+        " recording's own noise, and the accelerations imu_ax, imu_ay, imu_az where they lower it"
+    )
+    command.add_argument("--lag", type=duration, metavar="TIME", help=text)
     text = "probability of any false contact in a recording without contact (default: %(default)s)"
     command.add_argument("--false-alarms", type=chance, metavar="P", default=LEVELS.contact, help=text)
     command.add_argument("--out", type=Path, metavar="CONTACT.csv", help="file for the contact wrench of each sample")

@@ -130,6 +130,12 @@ def positive(text: str) -> float:
     return value
 
 
+def duration(text: str) -> float:
+    """A time above zero in s, as `20ms`, `0.02s` or a number; argparse reports a ValueError in one line."""
+    scale, number = next(((s, text[: -len(u)]) for u, s in (("ms", 1e-3), ("s", 1.0)) if text.endswith(u)), (1.0, text))
+    return positive(number) * scale
+
+
 def finite(text: str) -> float:
     """A number of plausible size; argparse reports a ValueError in one line."""
     value = float(text)

@@ -23,6 +23,7 @@ from estimation.contact.contact_detection import (
     VarianceOfMeans,
     detect_contacts,
 )
+from estimation.contact.smoothed_contact import inertial_accelerations, smoothed_series
 from estimation.fit import Fit, require_recording
 from estimation.least_squares.estimates import EstimatedModel, fixed_parameters
 from estimation.model_response import model_response
@@ -312,6 +313,9 @@ class ContactWrench(Tabular):
                 unless others were asked for
     turn        rotation from those axes to `axes`, (p, p), or (n, p, p) to base axes; None where these are they
     along_tip   in the plane, where it is along other axes: along the tip's, for the force at the tip
+    lag         s: each row takes readings until so much later (`estimation/contact/smoothed_contact.py`); 0 for none
+    inertial    components that an inertial unit's accelerations enter, where it has a lag
+    unsmoothed  without the lag, where it has one
     """
 
     recording: Recording
@@ -327,6 +331,9 @@ class ContactWrench(Tabular):
     axes: Axes = Axes.SENSOR
     turn: Array | None = None
     along_tip: ContactWrench | None = None
+    lag: float = 0.0
+    inertial: tuple[str, ...] = ()
+    unsmoothed: ContactWrench | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -344,7 +351,7 @@ class ContactWrench(Tabular):
         return self.noise + self.systematic_covariance
 
     @property
-    def _inverse_gain(self) -> Array:
+    def inverse_gain(self) -> Array:
         """From reading to contact wrench, (p, p), or (n, p, p) in base axes."""
         inverse = np.linalg.inv(contact_gain_at(self.calibration.model, self.calibration.theta)[0])
         return np.asarray(inverse if self.turn is None else self.turn @ inverse)
@@ -358,12 +365,14 @@ class ContactWrench(Tabular):
     @property
     def floor(self) -> Array:
         """Std (p,) of one sample by the sensor's noise in the recordings of the fit."""
-        variance = self._inverse_gain**2 @ self.calibration.floor**2
+        variance = self.inverse_gain**2 @ self.calibration.floor**2
         return np.asarray(np.sqrt(variance if variance.ndim == 1 else variance.mean(axis=0)))
 
     @property
     def noise_ratio(self) -> Array:
         """Std (p,) of the contact-free part of this recording over that of the sensor's noise in the fit."""
+        if self.unsmoothed is not None:
+            return self.unsmoothed.noise_ratio
         return np.asarray(self.noise_std / np.maximum(self.floor, 1e-300))
 
     def systematic_contact_error(self, true: Array) -> Array:
@@ -432,13 +441,18 @@ class ContactWrench(Tabular):
 
     @cached_property
     def means(self) -> tuple[ContactMean, ...]:
-        """Mean contact wrench over each detected interval, with covariance, forces and the force at the tip."""
+        """Mean contact wrench over each detected interval, with covariance, forces and the force at the tip.
+
+        Of the wrench without a lag, which would mix what is before and after an interval into it.
+        """
+        if self.unsmoothed is not None:
+            return self.unsmoothed.means
         planar = self.space is Space.PLANE
         series = ContactSeries(
             wrench=self.wrench,
             systematic=self.systematic_covariance,
             noise=self.noise,
-            inverse=self._inverse_gain,
+            inverse=self.inverse_gain,
             remainder=self.calibration.remainder,
             detection=self.detection,
             forces=self.space.value,
@@ -559,6 +573,7 @@ def compensate(
     tip_length: float | None = None,
     false_alarms: float = LEVELS.contact,
     axes: Axes | str | None = None,
+    lag: float | None = None,
 ) -> ContactWrench:
     """The contact wrench of a recording: its readings less the fitted tool's load.
 
@@ -578,6 +593,11 @@ def compensate(
         Axes of the wrench: the sensor's, those of the logged pose (a flange's, where its pose was logged), or the
         base's as the pose was logged. By default the sensor's, also where it is turned against the pose; in the plane
         x' and y' of the tip, which are those of the pose.
+    lag : float, optional
+        Smooth at this lag, s: each sample's wrench takes readings until so much later, with the weights that leave
+        the least of the recording's own noise and pass a contact undistorted after the lag; by default each reading by
+        itself. Accelerations of an inertial unit (`imu_ax`, `imu_ay`, `imu_az`) enter where they make the noise lower.
+        Zero, contacts and their means stay those of the readings.
 
     Returns
     -------
@@ -588,8 +608,8 @@ def compensate(
     Raises
     ------
     InputError
-        When the channels differ, a signal that the model needs is missing, the arguments are swapped, or there are no
-        such axes.
+        When the channels differ, a signal that the model needs is missing, the arguments are swapped, there are no
+        such axes, or the lag does not go with the recording's length and its time without contact.
 
     Notes
     -----
@@ -649,7 +669,28 @@ def compensate(
         tip_length=_tip_length(recording, tip_length),
         axes=own_axes,
     )
+    if lag is not None:
+        contact = _smoothed(contact, lag)
     return contact if wanted is own_axes else _along(contact, wanted, tangent)
+
+
+def _smoothed(contact: ContactWrench, lag: float) -> ContactWrench:
+    """The same at a lag, s."""
+    recording = contact.recording
+    load = recording.wrench - contact.wrench @ np.linalg.inv(contact.inverse_gain).T
+    series = smoothed_series(
+        contact.wrench,
+        inertial_accelerations(recording.signals, load),
+        contact.detection.free,
+        dt=recording.dt,
+        runs=1 if recording.continuous else recording.repeats,
+        lag=lag,
+        name=recording.name,
+    )
+    inertial = tuple(contact.names[i] for i in series.with_unit)
+    return replace(
+        contact, wrench=series.wrench, noise=series.noise, lag=series.lag, inertial=inertial, unsmoothed=contact
+    )
 
 
 def _systematic(calibration: CalibratedModel, tangent: Array) -> Array:
@@ -664,6 +705,7 @@ def _along(contact: ContactWrench, axes: Axes, tangent: Array) -> ContactWrench:
 
     The turn of the sensor may be estimated: contact' = A(theta) contact has the derivative A d contact + dA contact.
     """
+    unsmoothed = None if contact.unsmoothed is None else _along(contact.unsmoothed, axes, tangent)
     model, theta, recording = contact.calibration.model, contact.calibration.theta, contact.recording
     turn, slopes = contact_turn(model, theta, axes)
     tangent = turn @ tangent + np.einsum("ijk,nj->nik", slopes, contact.wrench)
@@ -671,18 +713,19 @@ def _along(contact: ContactWrench, axes: Axes, tangent: Array) -> ContactWrench:
         direction = None if recording.rig is None else recording.rig.gravity_direction
         to_base = pose_to_base(model.space, recording.signals, direction)
         turn, tangent = to_base @ turn, to_base @ tangent
-    inverse = turn @ contact._inverse_gain
-    transposed = np.swapaxes(inverse, -1, -2)
+    inverse = turn @ contact.inverse_gain
+    transposed, back = np.swapaxes(inverse, -1, -2), np.swapaxes(turn, -1, -2)
     return replace(
         contact,
         wrench=(turn @ contact.wrench[:, :, None])[:, :, 0],
-        noise=inverse @ contact.detection.covariance @ transposed,
+        noise=turn @ contact.noise @ back,
         systematic_covariance=_systematic(contact.calibration, tangent)
         + inverse @ contact.detection.zero_covariance @ transposed,
         unknown=_unidentified_parameters(contact.calibration, tangent),
         axes=axes,
         turn=turn,
         along_tip=contact if contact.space is Space.PLANE else None,
+        unsmoothed=unsmoothed,
     )
 
 

@@ -46,6 +46,7 @@ def run(arguments: argparse.Namespace) -> None:
             tip_length=arguments.tip_length,
             false_alarms=arguments.false_alarms,
             axes=arguments.axes,
+            lag=arguments.lag,
         )
 
     def written() -> list[Path]:
@@ -99,6 +100,8 @@ def contact_data(contact: ContactWrench) -> dict[str, Any]:
         "free": float(detection.free.mean()),
         "false_alarms": detection.false_alarms,
         "late": contact.group_delay,
+        "lag": contact.lag,
+        "inertial": list(contact.inertial),
         "unknown": dict(contact.unknown),
         "contacts": [
             {
@@ -146,6 +149,14 @@ def contact_text(contact: ContactWrench) -> str:
         + ", ".join(f"{n} {v:.2g} {u}" for n, v, u in size)
         + ".",
     ]
+    if contact.unsmoothed is not None:
+        single = ", ".join(f"{n} {v:.2g}" for n, v in zip(contact.names, contact.unsmoothed.noise_std, strict=True))
+        lines.append(
+            f"Smoothed: a row takes readings until {contact.lag * 1e3:.3g} ms later; one by itself has the noise"
+            f" {single}."
+        )
+    if contact.inertial:
+        lines.append(f"Accelerations of the inertial unit enter {', '.join(contact.inertial)}.")
     if std.any():
         lines.append(
             "A contact during most of the recording would be absorbed by the zero; --keep-zero uses the model's."

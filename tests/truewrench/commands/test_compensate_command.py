@@ -115,6 +115,37 @@ def test_nothing_touches_the_tool(bench: Bench, capsys: pytest.CaptureFixture[st
     assert "contact" in capsys.readouterr().out.splitlines()[0]
 
 
+def test_a_lag_lowers_the_noise_and_leaves_contacts_and_zero(
+    bench: Bench, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    capsys.readouterr()
+    files = [tmp_path / "plain.csv", tmp_path / "smoothed.csv"]
+    read = []
+    for out, lag in zip(files, ([], ["--lag", "60ms"]), strict=True):
+        assert main(["compensate", bench.model, bench.pushed, *lag, "--json", "--out", str(out)]) == 0
+        read.append(json.loads(capsys.readouterr().out))
+    plain, smoothed = read
+    assert (plain["lag"], smoothed["lag"]) == (0.0, pytest.approx(0.06))
+    assert smoothed["contacts"] == plain["contacts"]
+    assert smoothed["zero_shift"] == plain["zero_shift"]
+    assert all(smoothed["noise"][name] < 0.6 * plain["noise"][name] for name in plain["noise"])
+    frame = pd.read_csv(files[1])
+    quiet = frame[(frame.time < 1.8) | (frame.time > 4.2)]
+    assert quiet.fcx.std() == pytest.approx(smoothed["noise"]["fcx"], rel=0.2)
+    during = frame[(frame.time > 2.1) & (frame.time < 3.9)]
+    assert during.magnitude.mean() == pytest.approx(5.0, abs=0.1)
+    for axes in ("pose", "base"):
+        assert main(["compensate", bench.model, bench.pushed, "--lag", "0.06", "--axes", axes, "--json"]) == 0
+        turned = json.loads(capsys.readouterr().out)
+        assert main(["compensate", bench.model, bench.pushed, "--axes", axes, "--json"]) == 0
+        assert turned["contacts"] == json.loads(capsys.readouterr().out)["contacts"]
+    assert main(["compensate", bench.model, bench.pushed, "--lag", "60ms"]) == 0
+    assert "a row takes readings until 60 ms later" in capsys.readouterr().out
+    for wrong in ("0ms", "soon", "-1s", "1us", "9s"):
+        assert main(["compensate", bench.model, bench.pushed, f"--lag={wrong}"]) == 2
+        assert "lag" in capsys.readouterr().err
+
+
 def test_six_axes_have_their_own_columns(tmp_path: Path) -> None:
     arm = SpatialRig()
     frame = simulate(arm, arm.random_motion(seed=1), repeats=3, samples_per_period=200, seed=1)
