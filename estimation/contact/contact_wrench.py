@@ -23,7 +23,6 @@ from estimation.contact.contact_detection import (
     VarianceOfMeans,
     detect_contacts,
 )
-from estimation.contact.smoothed_contact import inertial_accelerations, smoothed_series
 from estimation.fit import Fit, require_recording
 from estimation.least_squares.estimates import EstimatedModel, fixed_parameters
 from estimation.model_response import model_response
@@ -676,6 +675,8 @@ def compensate(
 
 def _smoothed(contact: ContactWrench, lag: float) -> ContactWrench:
     """The same at a lag, s."""
+    from estimation.contact.smoothed_contact import inertial_accelerations, smoothed_series  # loads scipy.signal
+
     recording = contact.recording
     load = recording.wrench - contact.wrench @ np.linalg.inv(contact.inverse_gain).T
     series = smoothed_series(

@@ -166,9 +166,7 @@ class MotionRegressors:
     @cached_property
     def force_spline(self) -> CubicSpline:
         """The part of the spline for the specific force."""
-        from scipy.interpolate import CubicSpline
-
-        return CubicSpline.construct_fast(self.spline.c[:, :, : self.dimension].copy(), self.spline.x)
+        return type(self.spline).construct_fast(self.spline.c[:, :, : self.dimension].copy(), self.spline.x)
 
     @property
     def dimension(self) -> int:

@@ -20,7 +20,7 @@ from modeling.errors import InputError
 from modeling.rig import STANDARD_GRAVITY
 
 if TYPE_CHECKING:
-    from scipy.spatial.transform import Rotation
+    pass
 
 RATES, ACCELERATION = ("wx", "wy", "wz"), ("apx", "apy", "apz")
 GRAVITY_TOLERANCE = 0.25
@@ -68,8 +68,8 @@ def level_quaternions(up: Array) -> Array:
     from scipy.spatial.transform import Rotation  # slow to import
 
     unit = up / np.linalg.norm(up, axis=1, keepdims=True)
-    turns = Rotation.concatenate(
-        [_smallest_turn(unit[:1], np.array([[0.0, 0.0, 1.0]])), _smallest_turn(unit[1:], unit[:-1])]
+    turns = Rotation.from_quat(
+        np.vstack([_smallest_turn(unit[:1], np.array([[0.0, 0.0, 1.0]])), _smallest_turn(unit[1:], unit[:-1])])
     )
     reach = 1
     while reach < len(unit):  # products of the first 1, 2, 4, .. turns
@@ -78,16 +78,17 @@ def level_quaternions(up: Array) -> Array:
     return np.asarray(turns.as_quat())
 
 
-def _smallest_turn(start: Array, end: Array) -> Rotation:
-    """The smallest rotations that bring unit vectors (n, 3) to others; of opposite ones any half turn."""
-    from scipy.spatial.transform import Rotation  # slow to import
+def _smallest_turn(start: Array, end: Array) -> Array:
+    """Quaternions (n, 4), of any length, of the smallest turns from unit vectors (n, 3) to others.
 
+    Of opposite ones any half turn.
+    """
     half = np.hstack([np.cross(start, end), 1 + np.sum(start * end, axis=1, keepdims=True)])
     opposite = np.linalg.norm(half, axis=1) < 1e-9
     if opposite.any():
         across = np.cross(start[opposite], np.eye(3)[np.argmin(np.abs(start[opposite]), axis=1)])
         half[opposite] = np.pad(across, ((0, 0), (0, 1)))
-    return Rotation.from_quat(half)
+    return half
 
 
 def extra_acceleration(specific_force: Array) -> dict[str, Array]:
