@@ -41,6 +41,7 @@ _NAMES: dict[str, tuple[str, ...]] = {
     "estimation.repeat_table": ("RepeatTable",),
     "estimation.robust_fit": ("robust_fit",),
     "estimation.robust_loss": ("Huber", "StudentT"),
+    "estimation.set_bounds": ("set_bounds",),
     "estimation.streaming.chunk": ("Chunk", "chunks"),
     "estimation.streaming.long_log": ("read_chunks",),
     "modeling.chain.model": ("WrenchModel", "planar", "spatial"),
@@ -113,6 +114,7 @@ if TYPE_CHECKING:
     from estimation.robust_fit import robust_fit as robust_fit
     from estimation.robust_loss import Huber as Huber
     from estimation.robust_loss import StudentT as StudentT
+    from estimation.set_bounds import set_bounds as set_bounds
     from estimation.streaming.chunk import Chunk as Chunk
     from estimation.streaming.chunk import chunks as chunks
     from estimation.streaming.long_log import read_chunks as read_chunks

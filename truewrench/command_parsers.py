@@ -25,6 +25,7 @@ from truewrench.options import (
     add_workers,
     duration,
     finite,
+    named_size,
     positive,
     worker_count,
 )
@@ -181,6 +182,9 @@ def fit(commands: Subcommands[Any]) -> argparse.ArgumentParser:
     text += " from the sensor's origin, or inside a mesh (.stl, .obj, in m); implies --physical"
     command.add_argument("--inside", metavar="BOX|MESH", help=text)
     command.add_argument("--prior", type=Path, metavar="FILE", help="TOML file of a reference tool and its weight")
+    text = "largest error of the readings of a channel, noise and what the model lacks, N or N m"
+    text += ": with that of every channel, the interval that then holds for each parameter"
+    add_repeatable(command, "--error-bound", metavar="CHANNEL=SIZE", text=text, value=named_size)
     text = "read one log in chunks, as is done with long ones; derivatives are columns of the log"
     command.add_argument("--stream", action="store_true", help=text)
     command.add_argument("--runs", action="store_true", help="print mean error and variance of every repeat")

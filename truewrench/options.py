@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, redirect_stdout
 from pathlib import Path
+from typing import Any
 
 from modeling.effects import catalogue
 from modeling.errors import InputError, file_text, toml_data
@@ -144,10 +145,18 @@ def finite(text: str) -> float:
     return value
 
 
-def add_repeatable(command: argparse.ArgumentParser, *options: str, metavar: str, text: str) -> argparse.Action:
+def named_size(text: str) -> tuple[str, float]:
+    """A name and a number above zero, as `fx=0.5`; argparse reports a ValueError in one line."""
+    name, _, size = text.partition("=")
+    return name, positive(size)
+
+
+def add_repeatable(
+    command: argparse.ArgumentParser, *options: str, metavar: str, text: str, value: Callable[[str], Any] = str
+) -> argparse.Action:
     """Add an option that may be given several times."""
     help_text = f"{text}; may be given several times"
-    return command.add_argument(*options, action="append", default=[], metavar=metavar, help=help_text)
+    return command.add_argument(*options, action="append", default=[], metavar=metavar, help=help_text, type=value)
 
 
 def add_verbosity(command: argparse.ArgumentParser) -> None:

@@ -61,5 +61,8 @@ RESULTS: dict[str, Callable[[], Any]] = {
     "streamed": cache(lambda: tw.fit(tw.planar(RIG), tw.chunks(drag_and_leak(1), 500), noise=WHITE)),
     "bands": cache(lambda: BandError.of(tw.compare(fitted()))),
     "repeats": cache(lambda: tw.RepeatTable.of(fitted(), 0)),
+    "set bounds": cache(
+        lambda: tw.set_bounds(tw.fit(tw.planar(RIG), drag_and_leak(1)), {"fx": 9.0, "fy": 9.0, "tau": 9.0})
+    ),
     "bootstrap": cache(lambda: tw.bootstrap(fitted())),
 }

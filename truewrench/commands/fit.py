@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -41,7 +41,13 @@ from truewrench.files.volume_file import read_volume
 from truewrench.text.fit_summary import FitSummary
 from truewrench.text.tool_text import axes_sentence
 
-IN_MEMORY_ONLY = ("robust", "bounds", "physical", "inside", "prior", "runs", "effects", "validate", "period", "read")
+if TYPE_CHECKING:
+    from estimation.set_bounds import SetBounds
+
+IN_MEMORY_ONLY = (
+    *("robust", "bounds", "physical", "inside", "prior", "error_bound"),
+    *("runs", "effects", "validate", "period", "read"),
+)
 """Options that need the whole recording in memory."""
 STREAMED_ROWS = 500_000
 """Rows from which on a log is read in chunks of itself: in memory so many take half a minute and a gigabyte."""
@@ -73,16 +79,31 @@ def run_in_memory(arguments: argparse.Namespace) -> None:
         progress("fit")
         summary = fit_summary_of(case, constraints, robust=arguments.robust)
         case = case.with_fitted_gravity(summary.fit.model, summary.fit.values)
+    certain = set_bounds_of(arguments, summary.fit)
     print_fit(
         arguments,
         summary.fit,
-        lambda: summary.to_data(case),
-        lambda: summary.text(case, runs=arguments.runs, verbose=arguments.verbose),
+        lambda: summary.to_data(case) | ({} if certain is None else {"set_bounds": certain.to_data()}),
+        lambda: "\n\n".join(
+            [
+                summary.text(case, runs=arguments.runs, verbose=arguments.verbose),
+                *([] if certain is None else [str(certain)]),
+            ]
+        ),
         lambda: write_report(arguments, summary, frame_sentences(case)),
         summary.misfitting,
         summary.unknown_tool,
         case.readings,
     )
+
+
+def set_bounds_of(arguments: argparse.Namespace, fitted: Fit) -> SetBounds | None:
+    """The intervals that hold for the errors of --error-bound; None without any."""
+    if not arguments.error_bound:
+        return None
+    from estimation.set_bounds import set_bounds  # loads scipy.optimize
+
+    return set_bounds(fitted, dict(arguments.error_bound))
 
 
 def write_report(arguments: argparse.Namespace, summary: FitSummary, frames: Sequence[str]) -> list[Path]:
