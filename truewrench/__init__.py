@@ -24,6 +24,7 @@ _NAMES: dict[str, tuple[str, ...]] = {
     "diagnosis.discovery.discovery": ("discover",),
     "diagnosis.study": ("Study", "study"),
     "estimation.bootstrap": ("bootstrap",),
+    "estimation.budget": ("budget",),
     "estimation.centre_of_mass": ("CentreOfMass",),
     "estimation.confidence_intervals": ("intervals",),
     "estimation.contact.contact_filter": ("ContactFilter", "LocalPolynomial"),
@@ -90,6 +91,7 @@ if TYPE_CHECKING:
     from diagnosis.study import Study as Study
     from diagnosis.study import study as study
     from estimation.bootstrap import bootstrap as bootstrap
+    from estimation.budget import budget as budget
     from estimation.centre_of_mass import CentreOfMass as CentreOfMass
     from estimation.confidence_intervals import intervals as intervals
     from estimation.contact.contact_filter import ContactFilter as ContactFilter

@@ -185,6 +185,10 @@ def fit(commands: Subcommands[Any]) -> argparse.ArgumentParser:
     text = "largest error of the readings of a channel, noise and what the model lacks, N or N m"
     text += ": with that of every channel, the interval that then holds for each parameter"
     add_repeatable(command, "--error-bound", metavar="CHANNEL=SIZE", text=text, value=named_size)
+    text = "TOML file of what the model takes as known, each with its std: a budget of the uncertainty"
+    command.add_argument("--budget", type=Path, metavar="FILE", help=text)
+    text = "check the budget by N refits of readings with contributions and noise drawn at random, such as 200"
+    command.add_argument("--monte-carlo", type=count, metavar="N", help=text)
     text = "read one log in chunks, as is done with long ones; derivatives are columns of the log"
     command.add_argument("--stream", action="store_true", help=text)
     command.add_argument("--runs", action="store_true", help="print mean error and variance of every repeat")
@@ -311,6 +315,8 @@ def compensate(commands: Subcommands[Any]) -> argparse.ArgumentParser:
         " recording's own noise, and the accelerations imu_ax, imu_ay, imu_az where they lower it"
     )
     command.add_argument("--lag", type=duration, metavar="TIME", help=text)
+    text = "with the budget of the model (fit --budget --out): its contributions are in every std, and in a table"
+    command.add_argument("--budget", action="store_true", help=text)
     text = "probability of any false contact in a recording without contact (default: %(default)s)"
     command.add_argument("--false-alarms", type=chance, metavar="P", default=LEVELS.contact, help=text)
     command.add_argument("--out", type=Path, metavar="CONTACT.csv", help="file for the contact wrench of each sample")

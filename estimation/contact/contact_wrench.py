@@ -7,9 +7,9 @@ Equation numbers: chapter 22, "Characterization of the Dynamical Model of a Forc
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Self
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -231,6 +231,7 @@ class CalibratedModel:
     covariance  (k, k); an unidentifiable parameter has an infinite variance and zero covariances, a fixed one zeros
     floor       (p,) std of one sample, in the channels' units
     remainder   (p,) RMS of the systematic residual: the part that noise does not explain
+    contributions   what the covariance is the sum of, by name, where it is that of a budget
     """
 
     model: WrenchModel
@@ -238,6 +239,7 @@ class CalibratedModel:
     covariance: Array
     floor: Array
     remainder: Array
+    contributions: Mapping[str, Array] = field(default_factory=dict)
 
     @classmethod
     def of(cls, fitted: Fit | StreamedFit) -> Self:
@@ -266,8 +268,10 @@ class CalibratedModel:
         model = self.model.without_recording_specific
         place = {p.name: i for i, p in enumerate(self.model.parameters)}
         index = np.array([place[p.name] for p in model.parameters], dtype=np.intp)
-        return CalibratedModel(
-            model, self.theta[index], self.covariance[np.ix_(index, index)], self.floor, self.remainder
+        within = np.ix_(index, index)
+        contributions = {name: covariance[within] for name, covariance in self.contributions.items()}
+        return replace(
+            self, model=model, theta=self.theta[index], covariance=self.covariance[within], contributions=contributions
         )
 
     @property
@@ -315,6 +319,7 @@ class ContactWrench(Tabular):
     lag         s: each row takes readings until so much later (`estimation/contact/smoothed_contact.py`); 0 for none
     inertial    components that an inertial unit's accelerations enter, where it has a lag
     unsmoothed  without the lag, where it has one
+    contributions   variance (n, p) by name, of what a budget has besides the noise: parameters, zero, what was stated
     """
 
     recording: Recording
@@ -333,6 +338,7 @@ class ContactWrench(Tabular):
     lag: float = 0.0
     inertial: tuple[str, ...] = ()
     unsmoothed: ContactWrench | None = None
+    contributions: Mapping[str, Array] = field(default_factory=dict)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -354,6 +360,12 @@ class ContactWrench(Tabular):
         """From reading to contact wrench, (p, p), or (n, p, p) in base axes."""
         inverse = np.linalg.inv(contact_gain_at(self.calibration.model, self.calibration.theta)[0])
         return np.asarray(inverse if self.turn is None else self.turn @ inverse)
+
+    @property
+    def is_turned(self) -> bool:
+        """Whether the sensor is turned against the logged pose, by more than a budget's nominal angle of zero."""
+        model, theta = self.calibration.model, self.calibration.theta
+        return is_turned(model) and not np.array_equal(sensor_to_pose(model, theta), np.eye(3))
 
     @property
     def noise_std(self) -> Array:
@@ -515,9 +527,8 @@ class ContactWrench(Tabular):
     @property
     def axes_words(self) -> str:
         """What the components are along, and that the sensor is turned against the logged pose, where it is."""
-        model = self.calibration.model
-        turned = is_turned(model) and self.axes is not Axes.BASE
-        by = turn_words(sensor_to_pose(model, self.calibration.theta)) if turned else ""
+        turned = self.is_turned and self.axes is not Axes.BASE
+        by = turn_words(sensor_to_pose(self.calibration.model, self.calibration.theta)) if turned else ""
         against = f" (the sensor is turned by {by} against the logged pose)" if turned else ""
         if self.space is Space.SPACE:
             how = " as the pose was logged" if self.axes is Axes.BASE else ""
@@ -545,12 +556,19 @@ class ContactWrench(Tabular):
         return super().printed() if self.intervals else ["no contact found"]
 
 
-def _calibration(fitted: EstimatedModel | CalibratedModel) -> CalibratedModel:
+class HasCalibration(Protocol):
+    """What has a calibrated model: a budget, a model file."""
+
+    @property
+    def calibration(self) -> CalibratedModel: ...
+
+
+def _calibration(fitted: EstimatedModel | CalibratedModel | HasCalibration) -> CalibratedModel:
     if isinstance(fitted, CalibratedModel):
         return fitted
     if isinstance(fitted, Fit | StreamedFit):
         return CalibratedModel.of(fitted)
-    saved: CalibratedModel = fitted.calibration  # type: ignore[attr-defined]  # a model file's: `_require_order`
+    saved: CalibratedModel = fitted.calibration  # type: ignore[union-attr]  # a model file's: `_require_order`
     return saved
 
 
@@ -565,7 +583,7 @@ def _require_order(fitted: object, recording: object) -> None:
 
 
 def compensate(
-    fitted: EstimatedModel | CalibratedModel,
+    fitted: EstimatedModel | CalibratedModel | HasCalibration,
     recording: Recording,
     *,
     keep_zero: bool = False,
@@ -578,8 +596,9 @@ def compensate(
 
     Parameters
     ----------
-    fitted : Fit, StreamedFit, CalibratedModel or ModelFile
-        The fitted model of the tool, or what `load` gives; recording-specific effects are dropped.
+    fitted : Fit, StreamedFit, CalibratedModel, ModelFile or Budget
+        The fitted model of the tool, or what `load` gives; recording-specific effects are dropped. With a budget its
+        contributions are in the covariance, as wrong as they were in the fit.
     recording : Recording
         Recording with contact, with the model's channels.
     keep_zero : bool, optional
@@ -667,6 +686,7 @@ def compensate(
         unknown=_unidentified_parameters(calibration, tangent),
         tip_length=_tip_length(recording, tip_length),
         axes=own_axes,
+        contributions=_contributions(calibration, tangent, inverse @ detection.zero_covariance @ inverse.T),
     )
     if lag is not None:
         contact = _smoothed(contact, lag)
@@ -701,6 +721,15 @@ def _systematic(calibration: CalibratedModel, tangent: Array) -> Array:
     return np.asarray(np.einsum("nik,kl,njl->nij", tangent, covariance, tangent, optimize=True))
 
 
+def _contributions(calibration: CalibratedModel, tangent: Array, zero: Array) -> dict[str, Array]:
+    """Variances (n, p) of a budget's contributions, and of the zero with covariance (p, p) or (n, p, p); else none."""
+    parts = {name: replace(calibration, covariance=part) for name, part in calibration.contributions.items()}
+    covariances = {name: _systematic(part, tangent) for name, part in parts.items()}
+    if parts:
+        covariances["zero"] = np.broadcast_to(zero, (len(tangent), *zero.shape[-2:]))
+    return {name: np.diagonal(covariance, axis1=1, axis2=2) for name, covariance in covariances.items()}
+
+
 def _along(contact: ContactWrench, axes: Axes, tangent: Array) -> ContactWrench:
     """The contact along other axes, its covariances turned along; `tangent` (n, p, k) is its derivative.
 
@@ -716,17 +745,18 @@ def _along(contact: ContactWrench, axes: Axes, tangent: Array) -> ContactWrench:
         turn, tangent = to_base @ turn, to_base @ tangent
     inverse = turn @ contact.inverse_gain
     transposed, back = np.swapaxes(inverse, -1, -2), np.swapaxes(turn, -1, -2)
+    of_zero = inverse @ contact.detection.zero_covariance @ transposed
     return replace(
         contact,
         wrench=(turn @ contact.wrench[:, :, None])[:, :, 0],
         noise=turn @ contact.noise @ back,
-        systematic_covariance=_systematic(contact.calibration, tangent)
-        + inverse @ contact.detection.zero_covariance @ transposed,
+        systematic_covariance=_systematic(contact.calibration, tangent) + of_zero,
         unknown=_unidentified_parameters(contact.calibration, tangent),
         axes=axes,
         turn=turn,
         along_tip=contact if contact.space is Space.PLANE else None,
         unsmoothed=unsmoothed,
+        contributions=_contributions(contact.calibration, tangent, of_zero),
     )
 
 

@@ -44,6 +44,10 @@ CATALOGUE: tuple[type[Effect], ...] = tuple(
     kind for name, kind in globals().items() if isinstance(kind, type) and name == getattr(kind, "id", None)
 )
 """Every class above under its id, in that order."""
+STATED: tuple[type[Effect], ...] = (
+    geometry.GravityMagnitude, sensor.ChannelGain, sensor.CommonGain, disturbances.ZeroDrift,
+)  # fmt: skip
+"""Effects that a budget of uncertainty states and no recording tells from the tool: none is searched for or fitted."""
 
 
 def __getattr__(name: str) -> NoReturn:

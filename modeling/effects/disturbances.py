@@ -73,6 +73,32 @@ class BiasDrift(Effect):
 
 
 @dataclass(frozen=True)
+class ZeroDrift(Effect):
+    """Linear drift of the zero: adds b_i progress / 2 to each channel, which changes by b_i over a recording.
+
+    It is another one in each recording. A budget states it, from the sensor's sheet or temperature coefficient.
+    """
+
+    id = "zero_drift"
+    title = "drift of the zero over a recording"
+    stage = Stage.BIAS
+    equation = "reading_i += b_i progress / 2, progress from -1 to 1"
+    advice = BiasDrift.advice
+
+    def parameters(self, space: Space) -> tuple[Parameter, ...]:
+        """b_i per channel, in the channel's unit."""
+        return tuple(
+            Parameter(name=channel, unit=unit, meaning=f"change of the zero of channel {channel} over a recording")
+            for channel, unit in space.channel_units.items()
+        )
+
+    def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
+        """Add the line to the bias."""
+        (progress,) = signals("progress")
+        return chain.with_stage(Bias(chain.bias + progress / 2 * sp.Matrix(list(p.values()))))
+
+
+@dataclass(frozen=True)
 class ThermalDrift(Effect):
     """Bias proportional to the recorded temperature (°C): reading_i += b_i (temperature - 20)."""
 

@@ -321,6 +321,30 @@ class GravityTilt(Effect):
         return replace(chain, gravity=rotation * chain.gravity)
 
 
+@dataclass(frozen=True)
+class GravityMagnitude(Effect):
+    """Gravity at the place is stronger than stated by error (m/s²), in the stated direction.
+
+    It scales every moment of the tool at rest, and no recording tells it from the mass: a budget states it.
+    """
+
+    id = "gravity"
+    title = "gravity at the place"
+    stage = Stage.KINEMATICS  # before a tilt turns it
+    equation = "g -> (|g| + error) g/|g|"
+    advice = (
+        "look up gravity at the place: it changes by 0.5 % from the equator to the poles, and by 0.03 % a kilometre"
+    )
+
+    def parameters(self, space: Space) -> tuple[Parameter, ...]:
+        """error in m/s²."""
+        return (Parameter(name="error", unit="m/s²", meaning="true minus stated gravity"),)
+
+    def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
+        """Lengthen gravity."""
+        return replace(chain, gravity=chain.gravity - p["error"] * chain.space.up)
+
+
 # The tool on a rotational spring and damper at the sensor.
 
 

@@ -203,6 +203,46 @@ class SensorGain(Effect):
 
 
 @dataclass(frozen=True)
+class ChannelGain(SensorGain):
+    """Gain of every channel by itself: reading_i = gain_i wrench_i.
+
+    The scale of all is collinear with the mass, and no recording tells it: a budget states it, from the sensor's sheet.
+    """
+
+    id = "gain"
+    title = "gain of every channel"
+    equation = "reading_i = gain_i wrench_i"
+
+    def parameters(self, space: Space) -> tuple[Parameter, ...]:
+        """A gain for each channel, unit 1."""
+        return tuple(
+            Parameter(name=channel, unit="1", meaning=f"gain of channel {channel}", nominal=1.0)
+            for channel in space.channels
+        )
+
+    def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
+        """Scale the channels."""
+        return chain.with_stage(replace(chain[Gain], matrix=chain[Gain].matrix * sp.diag(*p.values())))
+
+
+@dataclass(frozen=True)
+class CommonGain(ChannelGain):
+    """One gain of all channels, such as that of the supply: reading = gain wrench."""
+
+    id = "common_gain"
+    title = "gain of all channels together"
+    equation = "reading = gain wrench"
+
+    def parameters(self, space: Space) -> tuple[Parameter, ...]:
+        """One gain, unit 1."""
+        return (Parameter(name="gain", unit="1", meaning="gain of all channels", nominal=1.0),)
+
+    def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
+        """Scale all channels."""
+        return chain.with_stage(replace(chain[Gain], matrix=p["gain"] * chain[Gain].matrix))
+
+
+@dataclass(frozen=True)
 class SensorCrosstalk(Effect):
     """Crosstalk between channels: reading = (1 + G) wrench with zero diagonal of G.
 

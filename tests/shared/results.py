@@ -37,6 +37,14 @@ def loaded() -> Any:
     return tw.load(fitted().to_dict())
 
 
+PLACE = {"name": "gravity at the place", "quantity": "gravity", "half_width": 0.02, "unit": "m/s²"}
+
+
+@cache
+def budgeted() -> Any:
+    return tw.budget(fitted(), {"contribution": [PLACE]}, monte_carlo=50)
+
+
 RESULTS: dict[str, Callable[[], Any]] = {
     "fit": fitted,
     "intervals": cache(lambda: fitted().intervals()),
@@ -65,4 +73,8 @@ RESULTS: dict[str, Callable[[], Any]] = {
         lambda: tw.set_bounds(tw.fit(tw.planar(RIG), drag_and_leak(1)), {"fx": 9.0, "fy": 9.0, "tau": 9.0})
     ),
     "bootstrap": cache(lambda: tw.bootstrap(fitted())),
+    "budget": budgeted,
+    "budget of a contact": cache(
+        lambda: budgeted().of_contact(tw.compensate(budgeted().calibration, drag_and_leak(501)))
+    ),
 }

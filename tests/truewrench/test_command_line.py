@@ -862,6 +862,7 @@ REPLACING = {
     "fit-effects": ("fit rec.csv --effects extra.toml --out extra.toml", "extra.toml"),
     "fit-bounds": ("fit rec.csv --bounds extra.toml --out extra.toml", "extra.toml"),
     "fit-prior": ("fit rec.csv --prior extra.toml --out extra.toml", "extra.toml"),
+    "fit-budget": ("fit rec.csv --budget extra.toml --out extra.toml", "extra.toml"),
     "fit-stream": ("fit rec.csv --stream --out rec.csv", "rec.csv"),
     "fit-report": ("fit report.md --report .", "report.md"),
     "compensate-recording": ("compensate model.json rec.csv --out rec.csv", "rec.csv"),

@@ -10,7 +10,8 @@ import numpy as np
 
 from estimation.contact.contact_wrench import ContactWrench, compensate
 from estimation.reading.log_reading import read_with_rig
-from modeling.chain.sensor_axes import Axes, is_turned, sensor_to_pose
+from modeling.chain.sensor_axes import Axes, sensor_to_pose
+from modeling.errors import InputError
 from modeling.number_format import finite
 from modeling.space import Space
 from truewrench.commands.results import print_result
@@ -36,11 +37,15 @@ def run(arguments: argparse.Namespace) -> None:
     saved = ModelFile.read(arguments.model)
     for warning in filter(None, (saved.misfit_warning(COUNTED), saved.mending_warning)):
         say(f"warning: {warning}")
+    if arguments.budget and saved.budget is None:
+        remedy = "write it with `truewrench fit --budget FILE --out`"
+        raise InputError(what="the model file has no budget", where=arguments.model, remedy=remedy)
+    budget = saved.budget if arguments.budget else None
     recording = read_with_rig(arguments.recording, rig=saved.rig, every_row=True)
     with progress_line() as progress:
         progress("compensate")
         contact = compensate(
-            saved.calibration,
+            saved.calibration if budget is None else budget.calibration,
             recording,
             keep_zero=arguments.keep_zero,
             tip_length=arguments.tip_length,
@@ -60,7 +65,13 @@ def run(arguments: argparse.Namespace) -> None:
                 write_wrench_bag(contact, path)
         return result_files(arguments)
 
-    print_result(arguments, lambda: contact_text(contact), lambda: contact_data(contact), written)
+    of_contact = None if budget is None else budget.of_contact(contact)
+    print_result(
+        arguments,
+        lambda: contact_text(contact) + ("" if of_contact is None else f"\n\nBudget:\n{of_contact}"),
+        lambda: contact_data(contact) | ({} if of_contact is None else {"budget": of_contact.to_data()}),
+        written,
+    )
 
 
 def contact_table(contact: ContactWrench) -> pd.DataFrame:
@@ -161,7 +172,7 @@ def contact_text(contact: ContactWrench) -> str:
         lines.append(
             "A contact during most of the recording would be absorbed by the zero; --keep-zero uses the model's."
         )
-    if is_turned(contact.calibration.model) and contact.axes is Axes.SENSOR:
+    if contact.is_turned and contact.axes is Axes.SENSOR:
         lines.append("--axes pose gives the wrench in the axes of the logged pose, such as a flange's.")
     ratio = contact.noise_ratio
     if ratio.max() > EXCESSIVE_NOISE_RATIO:

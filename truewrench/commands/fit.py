@@ -15,6 +15,8 @@ import numpy as np
 from diagnosis.comparison.comparison import Comparison
 from diagnosis.comparison.model_comparison import compare
 from diagnosis.screening.score_test import model_initial_values
+from estimation.budget import Budget, budget, require_trials
+from estimation.budget_table import Statement
 from estimation.case import Case
 from estimation.fit import Fit, fit_case
 from estimation.least_squares.bounds import Bounds
@@ -29,6 +31,7 @@ from estimation.streaming.chunk_information import linear_regressor_map, require
 from estimation.streaming.log_sketch import fit_log, sketch
 from estimation.streaming.long_log import read_chunks
 from estimation.streaming.streamed_fit import StreamedFit
+from modeling.chain.effect import Effect
 from modeling.chain.model import planar, spatial
 from modeling.errors import InputError
 from modeling.noise import NoiseSource
@@ -46,7 +49,7 @@ if TYPE_CHECKING:
 
 IN_MEMORY_ONLY = (
     *("robust", "bounds", "physical", "inside", "prior", "error_bound"),
-    *("runs", "effects", "validate", "period", "read"),
+    *("runs", "effects", "validate", "period", "read", "budget"),
 )
 """Options that need the whole recording in memory."""
 STREAMED_ROWS = 500_000
@@ -64,6 +67,7 @@ def run(arguments: argparse.Namespace) -> None:
 def run_in_memory(arguments: argparse.Namespace) -> None:
     """Fit of whole recordings."""
     constraints = constraints_of(arguments)
+    require_budget(arguments)
     case = read_case(
         arguments.recordings,
         validation=arguments.validate,
@@ -79,21 +83,27 @@ def run_in_memory(arguments: argparse.Namespace) -> None:
         progress("fit")
         summary = fit_summary_of(case, constraints, robust=arguments.robust)
         case = case.with_fitted_gravity(summary.fit.model, summary.fit.values)
+        if arguments.budget is not None:
+            progress("budget")
+        budgeted = None if arguments.budget is None else budget_of(arguments, summary, custom)
     certain = set_bounds_of(arguments, summary.fit)
+    further = {"set_bounds": certain, "budget": budgeted}
     print_fit(
         arguments,
         summary.fit,
-        lambda: summary.to_data(case) | ({} if certain is None else {"set_bounds": certain.to_data()}),
+        lambda: summary.to_data(case) | {name: r.to_data() for name, r in further.items() if r is not None},
         lambda: "\n\n".join(
             [
                 summary.text(case, runs=arguments.runs, verbose=arguments.verbose),
                 *([] if certain is None else [str(certain)]),
+                *([] if budgeted is None else [f"Budget, of which the std above have the noise alone:\n{budgeted}"]),
             ]
         ),
         lambda: write_report(arguments, summary, frame_sentences(case)),
         summary.misfitting,
         summary.unknown_tool,
         case.readings,
+        budgeted,
     )
 
 
@@ -104,6 +114,27 @@ def set_bounds_of(arguments: argparse.Namespace, fitted: Fit) -> SetBounds | Non
     from estimation.set_bounds import set_bounds  # loads scipy.optimize
 
     return set_bounds(fitted, dict(arguments.error_bound))
+
+
+def require_budget(arguments: argparse.Namespace) -> None:
+    """Raise InputError, before any work, for a budget that cannot be."""
+    if arguments.budget is None:
+        if arguments.monte_carlo is not None:
+            raise InputError(what="there is no budget to check", where="--monte-carlo", remedy="give --budget FILE")
+        return
+    if arguments.robust:
+        what = "a budget is propagated by the derivatives of least squares"
+        raise InputError(what=what, where="--budget", remedy="leave out --robust")
+    Statement.read(arguments.budget)
+    require_trials(arguments.monte_carlo or 0)
+
+
+def budget_of(arguments: argparse.Namespace, summary: FitSummary, custom: Sequence[Effect]) -> Budget:
+    """The budget of --budget; InputError where the recordings do not say what the tool weighs."""
+    if summary.unknown_tool:
+        what = f"there is no budget of a tool that is not known, as {summary.unknown_tool}"
+        raise InputError(what=what, where="--budget", remedy="leave out --budget to see the fit")
+    return budget(summary.fit, arguments.budget, effects=custom, monte_carlo=arguments.monte_carlo or 0)
 
 
 def write_report(arguments: argparse.Namespace, summary: FitSummary, frames: Sequence[str]) -> list[Path]:
@@ -242,13 +273,14 @@ def print_fit(
     misfitting: Sequence[str] | None = None,
     tool_unknown: str = "",
     readings: Sequence[DoubtedReading] = (),
+    budgeted: Budget | None = None,
 ) -> None:
     """Write the model file of --out, and print the fit as text or as JSON."""
     saved = None
     if arguments.out is not None or arguments.json:
         from truewrench.files.model_file import ModelFile  # with the parser of formulas
 
-        saved = ModelFile.of(fit, misfitting, tool_unknown, readings)
+        saved = ModelFile.of(fit, misfitting, tool_unknown, readings, budgeted)
 
     def written() -> list[Path]:
         files = [*report()]

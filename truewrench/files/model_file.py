@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import reduce
 from math import isclose
@@ -16,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from estimation.budget import Budget, Source, named_or_stated
+from estimation.budget_table import Contribution, Statement
 from estimation.centre_of_mass import centre_of_mass_data
 from estimation.contact.contact_wrench import CalibratedModel
 from estimation.fit import Fit, predicted_frame, require_recording
@@ -75,6 +77,7 @@ class ModelFile(NamedEstimates, Tabular):
     misfitting    recordings that the model does not fit, held-out ones named as such; None where it was not tested
     tool_unknown  why the recordings do not say what the tool weighs; empty where they do, or it was not tested
     mended_as     what the readings mean by which the recordings were mended before the fit (`--read`), as clauses
+    budget        of uncertainty, of the model's parameters; None without one
     """
 
     model: WrenchModel
@@ -88,6 +91,7 @@ class ModelFile(NamedEstimates, Tabular):
     misfitting: tuple[str, ...] | None = None
     tool_unknown: str = ""
     mended_as: tuple[str, ...] = ()
+    budget: Budget | None = None
 
     @classmethod
     def of(
@@ -96,10 +100,11 @@ class ModelFile(NamedEstimates, Tabular):
         misfitting: Iterable[str] | None = None,
         tool_unknown: str = "",
         readings: Iterable[DoubtedReading] = (),
+        budget: Budget | None = None,
     ) -> Self:
         """Model file of a fit, with the biases of its first recording, and the others where they were tested.
 
-        `readings` are those of the recordings.
+        `readings` are those of the recordings, the `budget` is the fit's.
         """
         noise = fitted.noise if isinstance(fitted, StreamedFit) else fitted.noise[0]
         names = [p.name for p in fitted.model.parameters]
@@ -116,6 +121,7 @@ class ModelFile(NamedEstimates, Tabular):
             misfitting=None if misfitting is None else tuple(misfitting),
             tool_unknown=tool_unknown,
             mended_as=tuple(reading.meaning for reading in readings if reading.is_mending),
+            budget=None if budget is None else budget.of_model,
         )
 
     @property
@@ -216,7 +222,7 @@ class ModelFile(NamedEstimates, Tabular):
         rig = None if table.rig is None else Rig.from_data(table.rig, where=f"{where}: rig")
         model = _model(table, where, rig)
         parameters, covariance = _numbers(table, model, where)
-        return cls(
+        read = cls(
             model=model,
             rig=rig,
             parameters=parameters,
@@ -229,6 +235,7 @@ class ModelFile(NamedEstimates, Tabular):
             tool_unknown=table.tool_unknown,
             mended_as=tuple(table.mended_as or ()),
         )
+        return read if table.budget is None else replace(read, budget=_budget(table.budget, table, read, where))
 
     def to_data(self) -> dict[str, Any]:
         """The model as plain data: numbers are finite, or None for a parameter that is not identifiable."""
@@ -258,6 +265,7 @@ class ModelFile(NamedEstimates, Tabular):
             **({} if self.misfitting is None else {"misfitting": list(self.misfitting)}),
             **({"tool_unknown": self.tool_unknown} if self.tool_unknown else {}),
             **({"mended_as": list(self.mended_as)} if self.mended_as else {}),
+            **({} if self.budget is None else {"budget": _budget_data(self.budget)}),
             "rig": None if self.rig is None else self.rig.to_data(),
         }
 
@@ -437,6 +445,33 @@ Line = Annotated[str, Field(max_length=1000, pattern=r"^[^\x00-\x1f\x7f-\x9f]*$"
 """Text of one line, as it is quoted in comments of code."""
 
 
+class _Contribution(StrictTable):
+    name: Line
+    quantity: Line
+    std: Positive
+    unit: Line
+    uniform: bool
+    freedom: Positive | None
+    each_recording: bool
+
+
+class _Source(StrictTable):
+    contribution: str
+    parameter: str
+    std: Positive
+    shifts: Annotated[list[list[float]], Field(min_length=1)]
+
+
+class _Budget(StrictTable):
+    coverage: Annotated[float, Field(gt=0, lt=1)]
+    parameters: list[str]
+    freedom: list[Positive]
+    held: list[str]
+    effects: list[_Effect]
+    contributions: list[_Contribution]
+    sources: list[_Source]
+
+
 class _Model(StrictTable):
     format: Literal["truewrench model"]
     version: Literal[1]
@@ -458,6 +493,7 @@ class _Model(StrictTable):
     misfitting: list[str] | None = None
     tool_unknown: Line = ""
     mended_as: list[Line] | None = None
+    budget: _Budget | None = None
     rig: dict[str, Any] | None
 
 
@@ -502,7 +538,7 @@ def _omitted(table: _Model, model: WrenchModel) -> dict[str, _Estimate]:
     return {p.name: _Estimate(value=p.nominal, std=0.0, unit=p.unit) for p in fixed}
 
 
-def _effect(table: _Effect, model: _Model, space: Space) -> Effect:
+def _effect(table: _Effect, model: _Model, space: Space, of_id: Callable[[str], Effect] = named) -> Effect:
     """Effect of that id with its options, each true or an integer from 1 to the number of parameters of the file.
 
     A custom effect has its definition, whose formulas are parsed like those of an effects file. An effect
@@ -514,7 +550,7 @@ def _effect(table: _Effect, model: _Model, space: Space) -> Effect:
         if custom.id != table.id or table.options:
             raise InputError(what=f"{table.id[:40]} is defined as '{custom.id}'", where="effects", remedy=REMEDY)
         return custom
-    effect = named(table.id)
+    effect = of_id(table.id)
     options = _options(effect)
     for name, value in table.options.items():
         if name not in options:
@@ -542,6 +578,56 @@ def _effect_data(effect: Effect) -> dict[str, Any]:
 def _options(effect: Effect) -> dict[str, bool | int]:
     """Its options, integers and flags; the other fields follow from the arm."""
     return {name: value for name, value in asdict(effect).items() if isinstance(value, int)}
+
+
+def _budget(table: _Budget, model: _Model, read: ModelFile, where: str) -> Budget:
+    """The budget of what was read: its effects are none of the model's, and its shifts are in the order it names."""
+    place = f"{where}: budget"
+    _require_names(table.parameters, list(read.parameters), "parameters", place)
+    order = [table.parameters.index(name) for name in read.parameters]
+    rows = [table.freedom, *(row for source in table.sources for row in source.shifts)]
+    if any(len(row) != len(order) for row in rows):
+        raise InputError(what=f"expected {len(order)} numbers a row", where=place, remedy=REMEDY)
+    try:
+        effects = tuple(_effect(effect, model, read.model.space, named_or_stated) for effect in table.effects)
+        known = [p.name for p in reduce(add, effects, read.model).parameters]
+    except InputError as error:
+        raise InputError(what=f"effects: {error.what}", where=place, remedy=error.remedy) from None
+    stated = {
+        c.name: Contribution(**c.model_dump() | {"freedom": np.inf if c.freedom is None else c.freedom})
+        for c in table.contributions
+    }
+    for source in table.sources:
+        if source.contribution not in stated or source.parameter not in known:
+            what = f"no contribution or parameter is called {source.contribution[:40]}, {source.parameter[:40]}"
+            raise InputError(what=what, where=place, remedy=REMEDY)
+    sources = tuple(
+        Source(stated[s.contribution], s.parameter, s.std, np.array(s.shifts)[:, order]) for s in table.sources
+    )
+    freedom = np.array(table.freedom)[order]
+    statement = Statement(tuple(stated.values()), table.coverage)
+    return Budget.of(read.calibration, read.parameters, freedom, tuple(table.held), effects, sources, statement)
+
+
+def _budget_data(budget: Budget) -> dict[str, Any]:
+    """A budget as plain data: the stated contributions, and what the estimates move by for each unit of them."""
+    return {
+        "coverage": budget.coverage,
+        "parameters": list(budget.estimates),
+        "freedom": budget.freedom.tolist(),
+        "held": [name for name in budget.held if name in budget.estimates],
+        "effects": [_effect_data(effect) for effect in budget.effects],
+        "contributions": [vars(one) | {"freedom": finite(one.freedom)} for one in budget.contributions],
+        "sources": [
+            {
+                "contribution": source.contribution.name,
+                "parameter": source.parameter,
+                "std": source.std,
+                "shifts": source.shifts.tolist(),
+            }
+            for source in budget.sources
+        ],
+    }
 
 
 def _require_names(names: Iterable[str], expected: Iterable[str], key: str, where: str) -> None:

@@ -259,3 +259,71 @@ def test_a_bag_has_what_was_measured_and_what_explains_it(tmp_path: Path) -> Non
     twin["fx"] += 0.5
     difference = (frame[names] - twin[names]).to_numpy()
     assert np.abs(arrays["effects/viscous_drag"] - difference).max() < 0.05 * np.abs(difference).max()
+
+
+BUDGET = """
+[[contribution]]
+name = "gravity at the place"
+quantity = "gravity"
+half_width = 0.5
+unit = "m/s²"
+
+[[contribution]]
+name = "zero"
+quantity = "zero_drift"
+std = 0.1
+unit = "N"
+"""
+
+
+def test_a_budget_goes_from_the_fit_to_the_contact(
+    bench: Bench, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    train, rig = (str(Path(bench.model).parent / name) for name in ("train.csv", "rig.toml"))
+    stated, model = tmp_path / "budget.toml", str(tmp_path / "budgeted.json")
+    stated.write_text(BUDGET.replace('name = "zero"', 'name = "drift"'), encoding="utf-8")
+    command = ["fit", train, "--rig", rig, "--budget", str(stated), "--monte-carlo", "50"]
+    assert main([*command, "--out", model, "--json"]) == 0
+    mass = json.loads(capsys.readouterr().out)["budget"]["parameters"]["m"]
+    assert mass["largest"] == "gravity at the place"
+    assert mass["halved_at_std"] == pytest.approx(0.5 / 3**0.5 / 2, rel=0.02)
+    assert main(["compensate", model, bench.pushed, "--json"]) == 0
+    without = json.loads(capsys.readouterr().out)
+    assert main(["compensate", model, bench.pushed, "--budget", "--json"]) == 0
+    contact = json.loads(capsys.readouterr().out)
+    assert "budget" not in without
+    components = contact["budget"]["components"]
+    assert list(components) == [f"{n}, {of}" for of in ("one row", "contact 1") for n in ("fcx", "fcy", "tauc")]
+    (pushed,), (plain,) = contact["contacts"], without["contacts"]
+    assert components["fcx, contact 1"]["std"] == pytest.approx(pushed["wrench_std"]["fcx"])
+    assert pushed["wrench_std"]["fcx"] > plain["wrench_std"]["fcx"]
+    # As wrong in use as in the fit: less than the weight alone would be.
+    assert components["fcx, one row"]["contributions"]["gravity at the place"] < 0.9 * 0.5 / 3**0.5
+    assert main(["compensate", model, bench.pushed, "--budget", "--axes", "base", "--lag", "20ms"]) == 0
+    assert "Budget:" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["compensate", "model.json", "pushed.csv", "--budget"], "model.json: the model file has no budget"),
+        (["fit", "train.csv", "--monte-carlo", "9"], "there is no budget to check"),
+        (["fit", "train.csv", "--budget", "budget.toml"], "budget.toml: zero: the name is that of a scatter"),
+        (["fit", "train.csv", "--budget", "good.toml", "--monte-carlo", "9"], "give 50 to 100000"),
+        (["fit", "train.csv", "--budget", "none.toml"], "none.toml: No such file"),
+        (["fit", "train.csv", "--budget", "rig.toml"], "rig.toml: "),
+        (["fit", "train.csv", "--budget", "budget.toml", "--robust"], "leave out --robust"),
+        (["fit", "train.csv", "--budget", "budget.toml", "--stream"], "not available for a streamed log"),
+    ],
+)
+def test_a_budget_that_cannot_be_is_one_line(
+    arguments: list[str], said: str, bench: Bench, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(Path(bench.model).parent)
+    Path("budget.toml").write_text(BUDGET, encoding="utf-8")
+    Path("good.toml").write_text(BUDGET.replace('"zero"', '"drift"'), encoding="utf-8")
+    assert main(arguments) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert said in err
+    assert err.count("\n") == 1
