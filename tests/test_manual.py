@@ -19,6 +19,7 @@ from docs.generator.command_page import command_page
 from docs.generator.docstring_text import restructured
 from docs.generator.effect_page import described, sentence
 from docs.generator.terminal import terminal
+from estimation.budget_table import Statement
 from modeling.chain.model import planar, spatial
 from modeling.effects import CATALOGUE, catalogue
 from modeling.rig import Rig
@@ -128,12 +129,13 @@ def test_cells_are_python(page: Path) -> None:
 
 def test_the_rig_file_of_the_formats_is_one() -> None:
     text = (DOCS / "guide" / "file_formats.md").read_text(encoding="utf-8")
-    rig, capsules = re.findall(r"^```toml\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
+    rig, capsules, stated = re.findall(r"^```toml\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
     assert Rig.from_data(tomllib.loads(rig)).link_lengths == (1.0, 0.97, 0.4)
     arm = {"robot": {"urdf": str(URDF / "elbow.urdf"), "sensor_frame": "tool0"}}
     workspace = Rig.from_data(arm | tomllib.loads(capsules)).workspace
     assert workspace is not None
     assert [capsule.joint for capsule in workspace.capsules] == [6]
+    assert len(Statement.of(tomllib.loads(stated), "budget").contributions) == 3
 
 
 def test_a_terminal_shows_what_ran(capsys: pytest.CaptureFixture[str]) -> None:

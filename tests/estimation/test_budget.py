@@ -195,7 +195,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "nothing": ({}, "contribution: missing"),
     "no std": ({"contribution": [{"name": "g", "quantity": "gravity", "unit": "m/s²"}]}, "one of std and half_width"),
     "both": ({"contribution": [stated("gravity", 1, "m/s²", half_width=1)]}, "one of std and half_width"),
-    "negative": ({"contribution": [stated("gravity", -1, "m/s²")]}, "greater than 0"),
+    "negative": ({"contribution": [stated("gravity", -1, "m/s²")]}, "greater than or equal"),
     "unit": ({"contribution": [stated("gravity", 1, "deg")]}, "the unit of gravity is not 'deg'; use m/s²"),
     "no unit": ({"contribution": [{"name": "g", "quantity": "gravity", "std": 1}]}, "contribution[0].unit: missing"),
     "twice": ({"contribution": [stated("gravity", 1, "m/s²")] * 2}, "the name is used twice"),

@@ -37,10 +37,10 @@ def run(arguments: argparse.Namespace) -> None:
     saved = ModelFile.read(arguments.model)
     for warning in filter(None, (saved.misfit_warning(COUNTED), saved.mending_warning)):
         say(f"warning: {warning}")
-    if arguments.budget and saved.budget is None:
+    if arguments.with_budget and saved.budget is None:
         remedy = "write it with `truewrench fit --budget FILE --out`"
         raise InputError(what="the model file has no budget", where=arguments.model, remedy=remedy)
-    budget = saved.budget if arguments.budget else None
+    budget = saved.budget if arguments.with_budget else None
     recording = read_with_rig(arguments.recording, rig=saved.rig, every_row=True)
     with progress_line() as progress:
         progress("compensate")

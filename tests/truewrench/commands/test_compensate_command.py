@@ -299,7 +299,8 @@ def test_a_budget_goes_from_the_fit_to_the_contact(
     assert pushed["wrench_std"]["fcx"] > plain["wrench_std"]["fcx"]
     # As wrong in use as in the fit: less than the weight alone would be.
     assert components["fcx, one row"]["contributions"]["gravity at the place"] < 0.9 * 0.5 / 3**0.5
-    assert main(["compensate", model, bench.pushed, "--budget", "--axes", "base", "--lag", "20ms"]) == 0
+    further = ["--axes", "base", "--lag", "20ms", "--out", str(tmp_path / "contact.csv")]
+    assert main(["compensate", model, bench.pushed, "--budget", *further]) == 0
     assert "Budget:" in capsys.readouterr().out
 
 
