@@ -213,7 +213,7 @@ def _parts_of_mean(contact: ContactWrench, mean: ContactMean) -> Mapping[str, Ar
 
 def budget(
     fit: Fit,
-    contributions: str | Path | Mapping[str, object],
+    contributions: str | Path | Mapping[str, object] | Statement,
     *,
     effects: Iterable[Effect] = (),
     monte_carlo: int = 0,
@@ -225,8 +225,8 @@ def budget(
     ----------
     fit : Fit
         A fit by least squares.
-    contributions : str, Path or mapping
-        A budget file (TOML), or a dictionary of its layout; see the manual's page of file formats.
+    contributions : str, Path, mapping or Statement
+        A budget file (TOML), a dictionary of its layout, or what was read of one; see the manual's page of file formats.
     effects : iterable of Effect, optional
         Custom effects that contributions name, beside those of the catalogue.
     monte_carlo : int, optional
@@ -272,8 +272,7 @@ def budget(
     if not isinstance(given, Fit):
         remedy = "give a fit of whole recordings: tw.budget(tw.fit(model, recording), ..)"
         raise InputError(what=f"{kind_of(fit)} has no derivatives to propagate by", where="budget", remedy=remedy)
-    statement = Statement.read(contributions)
-    require_trials(monte_carlo)
+    statement = stated_budget(contributions, monte_carlo)
     chosen = [(one, *_quantity(fit, one, statement.where, tuple(effects))) for one in statement.contributions]
     added: dict[str, Effect] = {effect.id: effect for _, effect, _ in chosen if effect is not None}
     extended = _Extended.of(fit, tuple(added.values()))
@@ -294,11 +293,12 @@ def budget(
     return _checked(extended, result, monte_carlo, seed) if monte_carlo else result
 
 
-def require_trials(count: int) -> None:
-    """Raise InputError for a number of refits that is neither none nor enough."""
-    if count and not FEWEST_TRIALS <= count <= MOST_TRIALS:
+def stated_budget(contributions: str | Path | Mapping[str, object] | Statement, monte_carlo: int = 0) -> Statement:
+    """What a budget file states, checked before any work together with the number of refits; InputError, in one line."""
+    if monte_carlo and not FEWEST_TRIALS <= monte_carlo <= MOST_TRIALS:
         remedy = f"give {FEWEST_TRIALS} to {MOST_TRIALS}"
-        raise InputError(what=f"{count} refits are too few or too many", where="Monte Carlo", remedy=remedy)
+        raise InputError(what=f"{monte_carlo} refits are too few or too many", where="Monte Carlo", remedy=remedy)
+    return contributions if isinstance(contributions, Statement) else Statement.read(contributions)
 
 
 # ------------------------------------------------------------------- what a contribution is of

@@ -15,8 +15,6 @@ import numpy as np
 from diagnosis.comparison.comparison import Comparison
 from diagnosis.comparison.model_comparison import compare
 from diagnosis.screening.score_test import model_initial_values
-from estimation.budget import Budget, budget, require_trials
-from estimation.budget_table import Statement
 from estimation.case import Case
 from estimation.fit import Fit, fit_case
 from estimation.least_squares.bounds import Bounds
@@ -45,6 +43,7 @@ from truewrench.text.fit_summary import FitSummary
 from truewrench.text.tool_text import axes_sentence
 
 if TYPE_CHECKING:
+    from estimation.budget import Budget
     from estimation.set_bounds import SetBounds
 
 IN_MEMORY_ONLY = (
@@ -67,7 +66,7 @@ def run(arguments: argparse.Namespace) -> None:
 def run_in_memory(arguments: argparse.Namespace) -> None:
     """Fit of whole recordings."""
     constraints = constraints_of(arguments)
-    require_budget(arguments)
+    budget = budget_of(arguments)
     case = read_case(
         arguments.recordings,
         validation=arguments.validate,
@@ -83,9 +82,9 @@ def run_in_memory(arguments: argparse.Namespace) -> None:
         progress("fit")
         summary = fit_summary_of(case, constraints, robust=arguments.robust)
         case = case.with_fitted_gravity(summary.fit.model, summary.fit.values)
-        if arguments.budget is not None:
+        if budget is not None:
             progress("budget")
-        budgeted = None if arguments.budget is None else budget_of(arguments, summary, custom)
+        budgeted = None if budget is None else budget(summary, custom)
     certain = set_bounds_of(arguments, summary.fit)
     further = {"set_bounds": certain, "budget": budgeted}
     print_fit(
@@ -116,25 +115,30 @@ def set_bounds_of(arguments: argparse.Namespace, fitted: Fit) -> SetBounds | Non
     return set_bounds(fitted, dict(arguments.error_bound))
 
 
-def require_budget(arguments: argparse.Namespace) -> None:
-    """Raise InputError, before any work, for a budget that cannot be."""
+def budget_of(arguments: argparse.Namespace) -> Callable[[FitSummary, Sequence[Effect]], Budget] | None:
+    """What makes the budget of --budget, of a fit and custom effects; None without one.
+
+    Raises InputError, before any work, for a budget that cannot be.
+    """
     if arguments.budget is None:
         if arguments.monte_carlo is not None:
             raise InputError(what="there is no budget to check", where="--monte-carlo", remedy="give --budget FILE")
-        return
+        return None
     if arguments.robust:
         what = "a budget is propagated by the derivatives of least squares"
         raise InputError(what=what, where="--budget", remedy="leave out --robust")
-    Statement.read(arguments.budget)
-    require_trials(arguments.monte_carlo or 0)
+    from estimation.budget import budget, stated_budget  # with the schema of its file
 
+    trials = arguments.monte_carlo or 0
+    statement = stated_budget(arguments.budget, trials)
 
-def budget_of(arguments: argparse.Namespace, summary: FitSummary, custom: Sequence[Effect]) -> Budget:
-    """The budget of --budget; InputError where the recordings do not say what the tool weighs."""
-    if summary.unknown_tool:
-        what = f"there is no budget of a tool that is not known, as {summary.unknown_tool}"
-        raise InputError(what=what, where="--budget", remedy="leave out --budget to see the fit")
-    return budget(summary.fit, arguments.budget, effects=custom, monte_carlo=arguments.monte_carlo or 0)
+    def of(summary: FitSummary, custom: Sequence[Effect]) -> Budget:
+        if summary.unknown_tool:
+            what = f"there is no budget of a tool that is not known, as {summary.unknown_tool}"
+            raise InputError(what=what, where="--budget", remedy="leave out --budget to see the fit")
+        return budget(summary.fit, statement, effects=custom, monte_carlo=trials)
+
+    return of
 
 
 def write_report(arguments: argparse.Namespace, summary: FitSummary, frames: Sequence[str]) -> list[Path]:
