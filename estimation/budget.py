@@ -36,7 +36,7 @@ from modeling.chain.model import WrenchModel
 from modeling.effects import STATED, named
 from modeling.errors import InputError, kind_of, suggestion
 from modeling.number_format import NOT_IDENTIFIABLE
-from modeling.parameter import Parameter
+from modeling.parameter import Parameter, Role
 
 Array = NDArray[np.float64]
 
@@ -226,7 +226,7 @@ def budget(
     fit : Fit
         A fit by least squares.
     contributions : str, Path, mapping or Statement
-        A budget file (TOML), a dictionary of its layout, or what was read of one; see the manual's page of file formats.
+        A budget file (TOML), a dictionary of its layout, or what was read of one; see the manual on file formats.
     effects : iterable of Effect, optional
         Custom effects that contributions name, beside those of the catalogue.
     monte_carlo : int, optional
@@ -294,7 +294,7 @@ def budget(
 
 
 def stated_budget(contributions: str | Path | Mapping[str, object] | Statement, monte_carlo: int = 0) -> Statement:
-    """What a budget file states, checked before any work together with the number of refits; InputError, in one line."""
+    """What a budget states, checked before any work together with the number of refits; InputError, in one line."""
     if monte_carlo and not FEWEST_TRIALS <= monte_carlo <= MOST_TRIALS:
         remedy = f"give {FEWEST_TRIALS} to {MOST_TRIALS}"
         raise InputError(what=f"{monte_carlo} refits are too few or too many", where="Monte Carlo", remedy=remedy)
@@ -459,6 +459,9 @@ def _checked(extended: _Extended, linear: Budget, trials: int, seed: int) -> Bud
     if region is not None and (region.inertia is not None or region.prior is not None):
         what = "a check by Monte Carlo is of least squares within bounds alone"
         raise InputError(what=what, where="Monte Carlo", remedy="leave it out, or --physical, --inside and --prior")
+    if onset := next((p.name for p in fit.unknowns if p.role is Role.ONSET and not p.fixed), None):
+        what = f"{onset} is the time of an event, which no refit finds anew"
+        raise InputError(what=what, where="Monte Carlo", remedy="leave it out; the budget holds without it")
     rng = np.random.default_rng(seed)
     problem = solution.problem
     if region is not None:

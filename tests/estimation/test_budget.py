@@ -224,6 +224,17 @@ def test_what_cannot_be_a_contribution_is_said_in_one_line(name: str) -> None:
     assert "\n" not in str(refused.value)
 
 
+def test_what_no_refit_can_check_is_refused() -> None:
+    push, entries = hidden.ContactEvent(start=6.0, end=8.0), {"contribution": [stated("gravity", 0.02, "m/s²")]}
+    start = {"contact_event.start": 6.0, "contact_event.end": 8.0}
+    fit = tw.fit(tw.planar(RIG) + "contact_event", recorded(Space.PLANE, 1, (push,)), start=start)
+    assert budget(fit, entries)["m"].interval is not None
+    with pytest.raises(InputError, match=r"contact_event.start is the time of an event"):
+        budget(fit, entries, monte_carlo=50)
+    with pytest.raises(InputError, match="5 refits are too few or too many"):
+        budget(fit, entries, monte_carlo=5)
+
+
 def test_an_effect_that_the_model_has_is_estimated() -> None:
     fit = tw.fit(tw.planar(RIG) + "gravity_tilt", recorded(Space.PLANE, 1))
     with pytest.raises(InputError, match="the model has gravity_tilt, and estimates it"):
