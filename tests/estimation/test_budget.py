@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 from math import pi
@@ -189,6 +190,32 @@ def test_a_model_file_keeps_it() -> None:
     assert total == pytest.approx(np.sqrt((ours.std[:, 0] ** 2).mean()))
     with pytest.raises(InputError, match="without a budget"):
         result.of_contact(tw.compensate(fit, other))
+
+
+@pytest.mark.parametrize(
+    ("damage", "said"),
+    [
+        (lambda data: data["sources"][0].update(std=1e300), "budget.sources[0].std"),
+        (lambda data: data["sources"][0]["shifts"][0].pop(), "expected 6 numbers a row"),
+        (lambda data: data["sources"][0].update(parameter="gravity.size"), "no contribution or parameter is called"),
+        (lambda data: data["contributions"][0].update(name="noise"), "a name is used twice"),
+        (lambda data: data["effects"][0].update(id="gremlins"), "no effect is called 'gremlins'"),
+        (lambda data: data["parameters"].reverse(), ""),
+    ],
+)
+def test_a_damaged_budget_in_a_model_file_is_one_line(damage: Callable[[Any], None], said: str) -> None:
+    fit = fitted(Space.PLANE)
+    data = ModelFile.of(fit, budget=budget(fit, {"contribution": [stated("gravity", 0.01, "m/s²")]})).to_data()
+    damage(data["budget"])
+    if not said:  # in another order, they are read by their names
+        data["budget"]["freedom"].reverse()
+        data["budget"]["sources"][0]["shifts"][0].reverse()
+        assert ModelFile.from_data(data).budget is not None
+        return
+    with pytest.raises(InputError) as refused:
+        ModelFile.from_data(data)
+    assert said in str(refused.value)
+    assert "\n" not in str(refused.value)
 
 
 WRONG: dict[str, tuple[dict[str, Any], str]] = {

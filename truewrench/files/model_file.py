@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from estimation.budget import Budget, Source, named_or_stated
-from estimation.budget_table import Contribution, Statement
+from estimation.budget_table import TYPE_A, Contribution, Size, Statement
 from estimation.centre_of_mass import centre_of_mass_data
 from estimation.contact.contact_wrench import CalibratedModel
 from estimation.fit import Fit, predicted_frame, require_recording
@@ -448,18 +448,22 @@ Line = Annotated[str, Field(max_length=1000, pattern=r"^[^\x00-\x1f\x7f-\x9f]*$"
 class _Contribution(StrictTable):
     name: Line
     quantity: Line
-    std: Positive
+    std: Size
     unit: Line
     uniform: bool
     freedom: Positive | None
     each_recording: bool
 
 
+Shift = Annotated[float, Field(ge=-1e12, le=1e12)]
+"""Of an estimate, for a unit of a contribution: its square is a number yet."""
+
+
 class _Source(StrictTable):
     contribution: str
     parameter: str
-    std: Positive
-    shifts: Annotated[list[list[float]], Field(min_length=1)]
+    std: Size
+    shifts: Annotated[list[list[Shift]], Field(min_length=1)]
 
 
 class _Budget(StrictTable):
@@ -597,6 +601,8 @@ def _budget(table: _Budget, model: _Model, read: ModelFile, where: str) -> Budge
         c.name: Contribution(**c.model_dump() | {"freedom": np.inf if c.freedom is None else c.freedom})
         for c in table.contributions
     }
+    if len(stated) < len(table.contributions) or stated.keys() & TYPE_A.keys():
+        raise InputError(what="contributions: a name is used twice", where=place, remedy=REMEDY)
     for source in table.sources:
         if source.contribution not in stated or source.parameter not in known:
             what = f"no contribution or parameter is called {source.contribution[:40]}, {source.parameter[:40]}"
