@@ -73,8 +73,8 @@ MOST_WAVES_AT_ONCE = 6
 optima are then 0.4 higher than by four first, of twelve (six joints) 1.1 lower."""
 COARSE_SPLINE, MIDDLE_SPLINE = 4, 2
 """A planar spline of degree 2 with many knots is searched with a quarter of them from random starts, 0.15 s each, then
-with half: 0.1 nats higher than from Fourier series of few harmonics. Of degree 3 it is 0.2 to 0.3 nats, in twice to four
-times as long."""
+with half: 0.1 nats higher than from Fourier series of few harmonics. Of degree 3 it would be 0.2 to 0.3 nats, in two to
+four times as long."""
 SPLINE_STARTS, MIDDLE_OPTIMA, REFINED_SPLINES = 36, 12, 6
 """The starts, and the best distinct optima that are refined with half of the knots and with all: which ends highest is
 open. With 24, 8 and 3 it takes 10 s instead of 19, and ends 0.02 to 0.03 nats lower."""
