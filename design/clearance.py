@@ -174,6 +174,18 @@ class Clearances:
         second = b + t[..., None] * (points[:, 2 * other + 1] - b)
         return first - second, first, second
 
+    def nearest(self, q: Array, which: int) -> Array:
+        """(2, 3): between which points one is at positions (n,), on axes of capsules or a half-space's plane, m."""
+        points = ArmPlaces.of(self.arm, q[None]).points(*self._ends)
+        planes = len(self._near) * len(self.half_spaces)
+        if which >= planes:
+            _, first, second = self._between(points)
+            return np.stack([first[0, which - planes], second[0, which - planes]])
+        end, number = divmod(which, len(self.half_spaces))
+        half, point = self.half_spaces[number], points[0, self._near[end]]
+        normal = np.array(half.normal)
+        return np.stack([point, point - (normal @ point + half.offset) * normal])
+
     # ------------------------------------------------------------------------------ at every instant
 
     def _reach(self, joints: Index) -> Array:

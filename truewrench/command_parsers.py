@@ -271,7 +271,7 @@ def design(commands: Subcommands[Any]) -> argparse.ArgumentParser:
     command.add_argument("--weighted", action="store_true", help=text)
     text = "Bayesian design: average over the parameter covariance of MODEL.json, where the information depends on it"
     command.add_argument("--averaged", action="store_true", help=text)
-    text = "random starts (default: 24; 48 for few harmonics; 6 for --tell, dynamics, six axes)"
+    text = "random starts (default: 24; 48 for few harmonics; 36 for degree 2; 6 for --tell, dynamics, six axes)"
     command.add_argument("--starts", type=count, metavar="S", help=text)
     command.add_argument("--seed", type=seed, default=0, metavar="S", help="of the random starts (default: 0)")
     add_workers(command)

@@ -32,8 +32,14 @@ def penalised(seed: int, evaluations: int = EVALUATIONS) -> Trace:
     simplex where the last one ended, then at a new start: SciPy's defaults end after a tenth of the evaluations, at
     47 to 49.
     """
-    objective = Objective(CHAPTER)
-    recorder = Recorder(objective, "Nelder-Mead, penalty")
+    recorder = Recorder(Objective(CHAPTER), "Nelder-Mead, penalty")
+    restarted(recorder, seed, evaluations)
+    return recorder.trace()
+
+
+def restarted(recorder: Recorder, seed: int, evaluations: int) -> None:
+    """The simplex on any recorder's objective."""
+    objective = recorder.objective
     start, last, restarts = objective.start([seed, 0]), np.inf, 0
     while recorder.evaluations < evaluations:
         options: Any = {"maxfev": evaluations - recorder.evaluations, "adaptive": True, "xatol": CLOSE, "fatol": CLOSE}
@@ -41,7 +47,6 @@ def penalised(seed: int, evaluations: int = EVALUATIONS) -> Trace:
         restarts += 1
         improved = last - found.fun > GAIN
         start, last = (found.x, found.fun) if improved else (objective.start([seed, restarts]), np.inf)
-    return recorder.trace()
 
 
 def as_the_chapter(seed: int) -> Trace:

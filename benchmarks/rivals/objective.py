@@ -1,4 +1,4 @@
-"""Objective: ln det(Phi'Phi) and a penalty for broken limits on the reference problem, as fast as NumPy gives them.
+"""Objective: ln det(Phi'Phi) and a penalty for broken limits, of the reference problem as fast as NumPy gives them.
 
 What makes it fast is what a user who knows NumPy would do: positions, velocities and accelerations of all samples come
 from one product with a basis made beforehand; several candidates go through together; of the regressor's entries each
@@ -14,19 +14,19 @@ import numpy as np
 import numpy.typing as npt
 import sympy as sp
 
-from benchmarks.rivals.reference import ARM, LARGEST, SAMPLES
-from design.trajectories.trajectory import TrajectorySeries
+from benchmarks.rivals.reference import ARM, LIMITS, SAMPLES
+from design.trajectories.trajectory import Trajectory, TrajectorySeries
 from modeling.chain.model import planar
 from modeling.chain.regressor import regressor
 from modeling.compiled.symbolic_vector import numpy_function
 from modeling.kinematics.arm import joint_symbols
+from modeling.rig import Limits
 
 Array = npt.NDArray[np.float64]
 
 WEIGHT = 1e3
 """Of the penalty: of 10, 100 and 1000, and of five forms of penalty, the one with which the rivals come furthest."""
-ORDERS = range(3)
-STATES = LARGEST.size
+QUANTITIES = ("position", "velocity", "acceleration")
 ENTRIES = len(planar().parameters)
 
 
@@ -82,10 +82,22 @@ def information(states: Array) -> Array:
 class Objective:
     """The reference problem in the coefficients of a series, each scaled so that 1 alone reaches a limit.
 
-    Without that scaling every rival ends lower: an acceleration asks for coefficients that fall with h².
+    They are taken about the middle of the limits. Without that scaling every rival ends lower: an acceleration asks for
+    coefficients that fall with h².
     """
 
     series: TrajectorySeries
+    limits: Limits = LIMITS
+
+    @cached_property
+    def middle(self) -> Array:
+        """(3, n): of each state's limits."""
+        return np.stack([getattr(self.limits, name).mean(axis=1) for name in QUANTITIES])
+
+    @cached_property
+    def half(self) -> Array:
+        """(3, n): half the width of each state's limits."""
+        return np.stack([np.diff(getattr(self.limits, name), axis=1)[:, 0] / 2 for name in QUANTITIES])
 
     @cached_property
     def unit(self) -> Array:
@@ -94,26 +106,39 @@ class Objective:
 
     @cached_property
     def _uses(self) -> Array:
-        """(9 N, k): what each coefficient adds to each state at each sample, in shares of its limit."""
+        """(3 n N, k): what each coefficient adds to each state at each sample, in shares of its limit."""
         time = self.series.instants(SAMPLES)
-        bases = [self.series.basis(time, order) / LARGEST[order][:, None] for order in ORDERS]
+        bases = [self.series.basis(time, order) / half[:, None] for order, half in enumerate(self.half)]
         return np.concatenate([basis.transpose(1, 0, 2).reshape(-1, self.series.size) for basis in bases])
 
     @cached_property
     def basis(self) -> Array:
-        """(9 N, k) in the scaled coefficients."""
+        """(3 n N, k) in the scaled coefficients."""
         return np.ascontiguousarray(self._uses * self.unit)
 
     def score(self, x: Array) -> Score:
         """Of scaled coefficients (B, k); the penalty is the squared excess over a limit, summed over the samples."""
         uses = self.basis @ x.T
+        states = uses.reshape(self.half.size, SAMPLES, -1) * self.half.reshape(-1, 1, 1) + self.middle.reshape(-1, 1, 1)
+        uses = np.concatenate([uses, self.other_uses(states)])
         use = np.maximum(uses.max(axis=0), -uses.min(axis=0))
         penalty = np.zeros(len(x))
         if (broken := use > 1).any():
             excess = np.maximum(np.abs(uses[:, broken]) - 1, 0)
             penalty[broken] = WEIGHT * np.einsum("sb,sb->b", excess, excess)
-        states = uses.reshape(STATES, SAMPLES, -1) * LARGEST.reshape(-1, 1, 1)
-        return Score(logdet=np.linalg.slogdet(information(states))[1], use=use, penalty=penalty)
+        return Score(logdet=np.linalg.slogdet(self.information(states))[1], use=use, penalty=penalty)
+
+    def information(self, states: Array) -> Array:
+        """Phi'Phi (B, k, k) of states (3 n, N, B)."""
+        return information(states)
+
+    def other_uses(self, states: Array) -> Array:
+        """(R, B): of states (3 n, N, B) from -1 to 1 within limits that are not of joints."""
+        return np.zeros((0, states.shape[2]))
+
+    def motion(self, x: Array) -> Trajectory:
+        """Of scaled coefficients (k,)."""
+        return Trajectory(self.series, self.series.rest(self.middle[0]) + x * self.unit)
 
     def start(self, seed: int | list[int]) -> Array:
         """Random scaled coefficients (k,) of a motion that uses four fifths of its limits."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from time import perf_counter
+from time import process_time
 
 import numpy as np
 import numpy.typing as npt
@@ -25,8 +25,8 @@ instant; what the rivals break between the samples is shown and not held against
 class Trace:
     """A run, or several one after the other: its improvements, what they took, and the last of them.
 
-    seconds, evaluations and logdet (m,) of each improvement, all rising; motion is that of the last, None if there is
-    no feasible one; total_seconds and total_evaluations until the run ended.
+    seconds of processor time, evaluations and logdet (m,) of each improvement, all rising; motion is that of the last,
+    None if there is no feasible one; total_seconds and total_evaluations until the run ended.
     """
 
     name: str
@@ -66,16 +66,23 @@ class Trace:
         )
 
 
-class Recorder:
-    """An objective whose evaluations are counted and whose improvements are noted; its clock starts when it is made."""
+class OutOfTimeError(Exception):
+    """The processor time that a run was given is used."""
 
-    def __init__(self, objective: Objective, name: str) -> None:
+
+class Recorder:
+    """An objective whose evaluations are counted and whose improvements are noted; its clock starts when it is made.
+
+    It raises `OutOfTimeError` when an evaluation is asked for after so many `seconds` of processor time.
+    """
+
+    def __init__(self, objective: Objective, name: str, seconds: float = np.inf) -> None:
         objective.score(np.zeros((1, objective.series.size)))  # deriving and the basis are made before the clock starts
-        self.objective, self.name = objective, name
+        self.objective, self.name, self.seconds = objective, name, seconds
         self.evaluations, self.best = 0, -np.inf
         self.notes: list[tuple[float, int, float]] = []
-        self.coefficients: Array | None = None
-        self.began = perf_counter()
+        self.improvements: list[Array] = []
+        self.began = process_time()
 
     def costs(self, x: Array) -> Array:
         """Costs (B,) of scaled coefficients (B, k)."""
@@ -87,26 +94,27 @@ class Recorder:
 
     def noted(self, x: Array) -> Score:
         """The score of scaled coefficients (B, k), the best of them noted when it is feasible and an improvement."""
+        if process_time() - self.began > self.seconds:
+            raise OutOfTimeError
         score = self.objective.score(x)
         self.evaluations += len(x)
         best = int(np.argmax(np.where(score.use <= 1 + TOLERANCE, score.logdet, -np.inf)))
         if score.use[best] <= 1 + TOLERANCE and score.logdet[best] > self.best:
             self.best = float(score.logdet[best])
-            self.coefficients = x[best].copy()
-            self.notes.append((perf_counter() - self.began, self.evaluations, self.best))
+            self.improvements.append(x[best].copy())
+            self.notes.append((process_time() - self.began, self.evaluations, self.best))
         return score
 
     def trace(self) -> Trace:
         """What was noted until now."""
-        total = perf_counter() - self.began
+        total = process_time() - self.began
         notes = np.array(self.notes, dtype=float).reshape(-1, 3)
-        scaled, series = self.coefficients, self.objective.series
         return Trace(
             name=self.name,
             seconds=notes[:, 0],
             evaluations=notes[:, 1],
             logdet=notes[:, 2],
-            motion=None if scaled is None else Trajectory(series, scaled * self.objective.unit),
+            motion=self.objective.motion(self.improvements[-1]) if self.improvements else None,
             total_seconds=total,
             total_evaluations=self.evaluations,
         )

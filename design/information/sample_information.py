@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Self
 
 import numpy as np
@@ -70,11 +71,13 @@ class SampleInformation:
     """The share of each sample in the information of a trajectory.
 
     names         of the k parameters
+    columns       (N, p, k) the whitened sensitivities
     total         (N,) tr(M^-1 S_t' S_t): the variance function of the equivalence theorem; sums to k
     by_parameter  (N, k) the share of each sample in the variance of each estimate; every column sums to one
     """
 
     names: tuple[str, ...]
+    columns: Array
     total: Array
     by_parameter: Array
 
@@ -98,4 +101,20 @@ class SampleInformation:
         influence = (q @ np.linalg.inv(r).T).reshape(samples, -1, k)
         power = (influence**2).sum(axis=1)
         total = (q.reshape(samples, -1, k) ** 2).sum(axis=(1, 2))
-        return cls(names=tuple(names), total=total, by_parameter=power / power.sum(axis=0))
+        return cls(names=tuple(names), columns=columns, total=total, by_parameter=power / power.sum(axis=0))
+
+    @cached_property
+    def accumulated(self) -> tuple[Array, Array]:
+        """(N,), (N,): of the samples up to each, ln det of the information, and the condition of the sensitivities.
+
+        For the condition each column is scaled to norm 1 over all samples, so that no unit matters. Minus infinity, and
+        infinity, until all parameters are identifiable.
+        """
+        scale = np.linalg.norm(self.columns, axis=(0, 1))
+        scaled = self.columns / scale
+        values = np.linalg.eigvalsh(np.cumsum(np.swapaxes(scaled, 1, 2) @ scaled, axis=0))
+        known = values[:, 0] > values.shape[1] * np.finfo(float).eps * values[:, -1]
+        least = np.where(known[:, None], values, 1.0)
+        logdet = np.log(least).sum(axis=1) + 2 * np.log(scale).sum()
+        condition = np.sqrt(least[:, -1] / least[:, 0])
+        return np.where(known, logdet, -np.inf), np.where(known, condition, np.inf)

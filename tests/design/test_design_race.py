@@ -7,16 +7,23 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from benchmarks import design_race
+from benchmarks import design_race, design_six_axes
 from benchmarks.race_plot import race_figure
 from benchmarks.rivals import evolution, finite_differences, nelder_mead, unoptimised
 from benchmarks.rivals.objective import Objective
 from benchmarks.rivals.reference import ARM, CHAPTER, FREE, LARGEST, LIMITS, PERIOD, SAMPLES
-from benchmarks.rivals.trace import TOLERANCE, Recorder, Trace
+from benchmarks.rivals.trace import TOLERANCE, OutOfTimeError, Recorder, Trace
+from design.criteria import DOptimal
+from design.information import Experiment
 from design.limits import LimitUse
+from design.optimiser.design_task import DesignTask
+from design.optimiser.objective import Objective as DesignObjective
+from design.trajectories.fourier import FreeSeries
 from design.trajectories.trajectory import Trajectory, TrajectorySeries
-from modeling.chain.model import planar
+from modeling.chain.model import planar, spatial
 from modeling.chain.prediction import compiled_prediction
+from modeling.rig import STANDARD_GRAVITY, Limits, Workspace
+from tests.shared.rigs import spatial_arm
 
 SHORT: dict[str, Callable[[int], Trace]] = {
     "simplex": lambda seed: nelder_mead.penalised(seed, 600),
@@ -101,6 +108,38 @@ def test_x_opt_scaled_is_the_figure_of_the_reference_problem() -> None:
     motion = unoptimised.chapter_optimum()
     assert LimitUse.of(motion, LIMITS).worst.use == pytest.approx(1, abs=1e-12)
     assert logdet(motion) == pytest.approx(45.66, abs=0.01)  # stated to two decimals, scaled on another grid
+
+
+def test_searches_of_an_arm_get_the_problem_of_the_plain_script() -> None:
+    """Whose columns come from the recursion of bodies along the chain, and ours from the derived regressor."""
+    arm, count = spatial_arm("elbow"), SAMPLES
+    pairs = np.multiply.outer(np.ones(arm.joints), [-1.0, 1.0])
+    series = FreeSeries(joints=arm.joints, harmonics=(1, 2), period=PERIOD)
+    experiment = Experiment.of(spatial(), arm)
+    task = DesignTask(
+        objective=DesignObjective(experiment=experiment, criterion=DOptimal(), series=series, samples=count),
+        limits=Limits(position=pairs + 0.3, velocity=2 * pairs, acceleration=10 * pairs),
+        arm=arm,
+        workspace=Workspace(z=(-0.5, 1.0)),
+        tip_length=0.2,
+    )
+    objective = design_six_axes.ArmObjective(series, task.limits, task=task)
+    each, height = design_six_axes.sample(arm, STANDARD_GRAVITY, 0.2)
+    x = np.array([objective.start([number, 9]) for number in range(3)])
+    score = objective.score(x)
+    for z, value, use in zip(x, score.logdet, score.use, strict=True):
+        q, dq, ddq = objective.motion(z).evaluate(series.instants(count))
+        phi = np.array(each.map(count)(np.hstack([q, dq, ddq]).T)).sum(axis=1).reshape(16, 16)
+        tip = np.abs(np.array(height.map(count)(q.T)) - 0.25) / 0.75
+        assert value == pytest.approx(np.linalg.slogdet(phi)[1], abs=1e-7)  # rounding, of another order of sums
+        assert use == pytest.approx(max(np.abs(q - 0.3).max(), tip.max(), np.abs(dq).max() / 2, np.abs(ddq).max() / 10))
+
+
+def test_a_search_ends_with_its_time() -> None:
+    recorder = Recorder(Objective(FREE), "short", seconds=0.1)
+    with pytest.raises(OutOfTimeError):
+        nelder_mead.restarted(recorder, 0, 10**9)
+    assert 0.1 <= recorder.trace().total_seconds < 5.0
 
 
 def test_infeasible_motions_are_not_noted() -> None:

@@ -11,7 +11,7 @@ from design.exciting_trajectory import DesignInterrupted
 from design.limits import require_motion_within_period
 from design.optimiser.interior_point import TerminationStatus
 from design.trajectories.fourier import FreeSeries, PaperSeries
-from design.trajectories.spline import RestToRest
+from design.trajectories.spline import RestToRest, SplineSeries
 from design.trajectories.trajectory import TrajectorySeries
 from design.trajectory_design import DesignStage, design
 from modeling.errors import InputError
@@ -115,3 +115,19 @@ def test_period_too_short_for_any_motion_is_refused(period: float, refused: bool
         return
     with pytest.raises(InputError, match=r"no joint can move by a millionth of its range.*longer period"):
         design(RIG, series=series, starts=1, samples=60, bounded=False)
+
+
+@pytest.mark.long(6)
+def test_a_spline_of_many_knots_ends_above_its_search_with_few() -> None:
+    """Refined from splines of a quarter and of half of the knots, which it contains: it can only gain."""
+    told: dict[str, float] = {}
+
+    def progress(step: DesignStage) -> None:
+        if step.value is not None:
+            told[step.stage] = max(step.value, told.get(step.stage, step.value))
+
+    series = SplineSeries(joints=3, knots=48, degree=2, period=5.0)
+    plan = design(RIG, series=series, starts=4, bounded=False, progress=progress)
+    assert list(told) == ["few knots", "half the knots", "refinement of the best"]
+    assert plan.logdet > told["half the knots"] > told["few knots"] - 0.05  # ranked before all limits are kept
+    assert plan.limit_use.worst.use <= 1

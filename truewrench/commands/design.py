@@ -4,15 +4,25 @@ from __future__ import annotations
 
 import argparse
 import signal
+from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 from design.discrimination import DiscriminationDesign, discriminate, rival_models
 from design.exciting_trajectory import DesignInterrupted, ExcitingTrajectory
+from design.information import Experiment
+from design.limits import tip_path
+from design.trajectories.trajectory import Trajectory
 from design.trajectory_design import STARTS_WHEN_SLOW, design
+from modeling.chain.model import spatial
 from modeling.effects import named
 from modeling.errors import InputError
+from modeling.kinematics.arm import SpatialArm
+from modeling.kinematics.placement import JointKind
+from modeling.rig import Convention, Rig
 from truewrench.commands.design_request import DesignRequest, plot_path
 from truewrench.commands.results import print_result
 from truewrench.files.effects_file import read_effects
@@ -140,6 +150,30 @@ def discriminating_plan(request: DesignRequest) -> DiscriminationDesign:
         )
 
 
+def simulated_repeat(rig: Rig, motion: Trajectory, samples: int) -> str | None:
+    """How far the motion repeated in MuJoCo is from the plan, by the tip and by the wrench of a tool at the sensor.
+
+    None of a planar arm, and where MuJoCo is not installed.
+    """
+    from truewrench.simulated_rig.rigs import SpatialRig, repeat_on_chain
+
+    arm, tip_length = rig.arm, rig.tip_length or 0.0
+    if not isinstance(arm, SpatialArm) or find_spec("mujoco") is None:
+        return None
+    tool, time = SpatialRig(gravity=rig.gravity), motion.series.instants(samples)
+    places = [(joint.placement.position, joint.placement.quaternion) for joint in arm.chain]
+    chain = [(at, j.axis, j.kind is JointKind.PRISMATIC) for at, j in zip(places, arm.chain, strict=True)]
+    states = motion.evaluate(time)
+    tip, wrench = repeat_on_chain(tool, chain, (arm.sensor.position, arm.sensor.quaternion), tip_length, states)
+    columns = Experiment.of(replace(spatial(rig), convention=Convention.ON_TOOL), arm).columns(*states, motion.period)
+    planned = columns @ [*[0.0] * len(tool.channels), tool.mass, *tool.first_moment, *tool.inertia]
+    off, apart = (float(np.abs(a).max()) for a in (tip - tip_path(motion, arm, tip_length, time), wrench - planned))
+    return (
+        f"Simulated repeat (MuJoCo): tip within {off:.1g} m of the plan, wrench of a tool of {tool.mass:g} kg within "
+        f"{apart:.1g} N, N m."
+    )
+
+
 def write(request: DesignRequest, plan: ExcitingTrajectory | DiscriminationDesign, path: Path) -> None:
     """Write PLAN.csv and its plot."""
     rig, motion = request.rig, plan.motion
@@ -149,6 +183,9 @@ def write(request: DesignRequest, plan: ExcitingTrajectory | DiscriminationDesig
         pd.DataFrame(motion.to_columns(request.options.samples)).to_csv(temporary, index=False, float_format="%.12g")
     from truewrench.plots.trajectory_plot import trajectory_figure
 
+    repeat = simulated_repeat(rig, motion, request.options.samples)
+    if repeat is not None:
+        say(repeat)
     figure = trajectory_figure(
         motion,
         rig.limits,
@@ -156,6 +193,7 @@ def write(request: DesignRequest, plan: ExcitingTrajectory | DiscriminationDesig
         tip_length=rig.tip_length,
         workspace=rig.workspace,
         information=plan.sample_information if isinstance(plan, ExcitingTrajectory) else None,
+        notes=[] if repeat is None else [repeat],
     )
     with atomic_write(plot_path(path)) as temporary:
         figure.savefig(temporary, format="png", dpi=160, facecolor="white", bbox_inches="tight")

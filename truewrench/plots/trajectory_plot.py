@@ -1,40 +1,51 @@
-"""Exciting trajectory: joint limits, tip path, Fisher information per sample."""
+"""Exciting trajectory: use of every limit over time, Fisher information per sample and accumulated, and the arm."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from textwrap import shorten, wrap
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.collections import LineCollection
 from matplotlib.colors import Colormap, LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullLocator
 from numpy.typing import NDArray
 from scipy.signal import argrelmax
 
 from design.information.sample_information import SampleInformation
-from design.limits import LIMITED_DERIVATIVES, LimitedQuantity, LimitUse, tip_path
+from design.limits import LIMITED_DERIVATIVES, LimitedQuantity, LimitUse, tip_path, workspace_sides
 from design.trajectories.trajectory import Trajectory
 from modeling.kinematics.arm import Arm, PlanarArm
 from modeling.number_format import format_number
 from modeling.rig import Limits, Workspace
+from truewrench.plots.arm_plot import (
+    FROM_ABOVE,
+    FROM_THE_SIDE,
+    PLANE,
+    ArmInMotion,
+    View,
+    changing_clearances,
+    draw_arm,
+)
 from truewrench.plots.style import (
     FAINT,
     INK,
-    MEASURED,
     MISFIT_COLOUR,
     MUTED,
     NOISE,
+    PIXELS_PER_INCH,
     SMALL,
     WIDTH,
     PixelLayout,
     label_y_axis,
     panel_title,
+    style_axes,
 )
 
-# Fisher information per sample, total and per parameter.
+# Fisher information per sample, total and per parameter, and accumulated.
 
 
 Array = NDArray[np.float64]
@@ -62,7 +73,7 @@ def draw_information(axes: Axes, motion: Trajectory, information: SampleInformat
     axes.text(1.008, 1.0, "mean", transform=axes.get_yaxis_transform(), va="center", fontsize=SMALL, color=MUTED)
     axes.set_ylim(0, 1.08 * float(share.max()))
     axes.set_xlim(0, motion.period)
-    panel_title(axes, "Fisher information per sample, relative to the mean sample")
+    panel_title(axes, "Fisher information per sample, relative to the mean", room=1.4)
     label_y_axis(axes, "total")
 
 
@@ -92,7 +103,38 @@ def draw_colour_bar(axes: Axes) -> None:
         axes.tick_params(colors=MUTED, labelsize=SMALL, length=2.5, width=0.6, color=FAINT)
 
 
-# Joint position, velocity and acceleration relative to their limits.
+EARLY = 0.1
+"""Share of the samples before which the accumulated information, which grows from nothing, does not set the scale."""
+LEAST_SPAN = 1e-3
+"""Of the least value, the smallest range that is drawn."""
+DECADE = 10.0
+"""Ratio of the largest to the least condition from which on its scale is logarithmic."""
+
+
+def draw_accumulated(axes: Axes, motion: Trajectory, information: SampleInformation) -> None:
+    """ln det of the information of the samples so far, and on the right the condition of their sensitivities."""
+    time = motion.series.instants(len(information.total))
+    right = style_axes(axes.twinx())
+    right.spines[["left", "bottom"]].set_visible(False)
+    logdet, condition = information.accumulated
+    known = np.isfinite(logdet)
+    late = known & (time >= EARLY * motion.period)
+    for each, values, colour in ((right, condition, MUTED), (axes, logdet, INFORMATION_COLOURMAP(0.8))):
+        each.plot(time[known], values[known], color=colour, lw=1.3)
+        if late.any():
+            low, high = values[late].min(), values[late].max()
+            each.set_ylim(low, max(high, low + LEAST_SPAN * abs(low)))
+    if late.any() and condition[late].max() > DECADE * condition[late].min():
+        right.set_yscale("log")
+        right.yaxis.set(major_locator=LogLocator(subs=(1, 3)), minor_locator=NullLocator())
+        right.yaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    axes.set_xlim(0, motion.period)
+    panel_title(axes, "information accumulated")
+    label_y_axis(axes, "ln det")
+    right.set_ylabel("condition", color=MUTED, fontsize=SMALL)
+
+
+# Limits: joints, torques, the tip and clearances.
 
 
 JOINT_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#24292F")
@@ -100,6 +142,10 @@ JOINT_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9
 ACTIVE_USE = 0.995
 """Use of a limit above which it is marked as active: half a percent is not visible."""
 PLOT_POINTS = 2000
+SHOWN_CLEARANCES = 6
+"""The smallest: each is a line."""
+LONGEST_NAME = 28
+"""Characters of what is kept apart."""
 LINE_HEIGHT = 12.5
 """Height of a line of small text, CSS pixels."""
 
@@ -114,30 +160,16 @@ def is_active(limited: LimitedQuantity) -> bool:
     return limited.use > ACTIVE_USE
 
 
-def draw_limit_use(axes: Axes, motion: Trajectory, order: int, limited_quantities: Sequence[LimitedQuantity]) -> None:
-    """Derivative of an order of each joint from its lower (-1) to its upper limit (1); a dot where active.
-
-    limited_quantities: one per joint; the region beyond the limits is shaded.
-    """
-    time = np.linspace(0.0, motion.period, PLOT_POINTS)
-    values = motion.derivative(time, order)
+def draw_limit_use(axes: Axes, time: Array, values: Array, limited_quantities: Sequence[LimitedQuantity]) -> None:
+    """Values (N, S) at times (N,) from their lower (-1) to their upper limit (1); a dot where active."""
     middle, half = (np.array([sign * r.limit[0] + r.limit[1] for r in limited_quantities]) / 2 for sign in (1, -1))
     shares = (values - middle) / half
-    extent = max(1.16, 1.05 * float(np.abs(shares).max()))
-    for side in (-1, 1):
-        axes.axhspan(side, 2 * side * extent, color=NOISE, lw=0, zorder=0)
-        axes.axhline(side, color=INK, lw=0.9, zorder=1)
-    axes.axhline(0, color=MUTED, lw=0.4, zorder=0.5)
     for joint, share in enumerate(shares.T):
         axes.plot(time, share, color=joint_colour(joint), lw=1.3, zorder=2)
         at = active_instants(share)
         axes.plot(
             time[at], share[at], "o", color=joint_colour(joint), mec="white", mew=0.6, ms=5, zorder=3, clip_on=False
         )
-    axes.set_ylim(-extent, extent)
-    axes.set_xlim(0, motion.period)
-    axes.set_yticks([-1, 0, 1], ["low", "middle", "high"])
-    label_y_axis(axes, limited_quantities[0].quantity)
 
 
 def active_instants(share: Array) -> NDArray[np.intp]:
@@ -170,41 +202,53 @@ def limits_text(limited: LimitedQuantity) -> str:
     return f"{span} {limited.unit}"
 
 
+def limited_values(motion: Trajectory, moved: ArmInMotion | None, quantity: str, time: Array) -> Array | None:
+    """(N, S) at the times (N,), in the order of its limited quantities; None of a quantity that is not known here."""
+    if quantity in LIMITED_DERIVATIVES:
+        return motion.derivative(time, list(LIMITED_DERIVATIVES).index(quantity))
+    if moved is None or quantity != "workspace":
+        return None
+    index = [at for at, _ in workspace_sides(moved.workspace, moved.arm).values()]
+    return tip_path(motion, moved.arm, moved.tip_length, time)[:, index]
+
+
+def draw_ranges(axes: Axes, limited_quantities: Sequence[LimitedQuantity]) -> None:
+    """Of quantities whose course is not known here, the highest and the lowest as levels, from low (-1) to high (1)."""
+    for line, limited in enumerate(limited_quantities):
+        middle, half = sum(limited.limit) / 2, (limited.limit[1] - limited.limit[0]) / 2
+        for value in (limited.low, limited.high):
+            axes.axhline((value - middle) / half, color=joint_colour(line), lw=1.0, ls=(0, (4, 2)), zorder=2)
+
+
+def draw_clearances(axes: Axes, moved: ArmInMotion, time: Array, height: float) -> None:
+    """The smallest clearances beyond what is asked for, m; on the right which they are, and the least of each."""
+    if (asked := moved.clearances) is None:
+        return
+    values = asked.values(moved.motion.derivative(time, 0))
+    changing = changing_clearances(values)
+    nearest = changing[values[:, changing].min(axis=0).argsort()][:SHOWN_CLEARANCES]
+    for line, which in enumerate(nearest):
+        at, colour = int(values[:, which].argmin()), joint_colour(line)
+        axes.plot(time, values[:, which], color=colour, lw=1.3, zorder=2)
+        axes.plot(time[at], values[at, which], "o", color=colour, mec="white", mew=0.6, ms=5, zorder=3, clip_on=False)
+        style: dict[str, Any] = {"transform": axes.transAxes, "va": "center", "fontsize": SMALL, "color": colour}
+        up = 1 - (line + 0.5) * LINE_HEIGHT / height
+        axes.text(1 + 62 / TIME, up, f"{1000 * values[at, which]:.1f} mm", ha="right", **style)
+        axes.text(1 + 70 / TIME, up, shorten(asked.names[which], LONGEST_NAME, placeholder=" .."), **style)
+    if len(asked.names) > len(nearest):
+        text = f"and {len(asked.names) - len(nearest)} more, larger or unchanging"
+        up = 1 - (len(nearest) + 0.5) * LINE_HEIGHT / height
+        axes.text(1 + 12 / TIME, up, text, transform=axes.transAxes, va="center", fontsize=SMALL, color=MUTED)
+    top = 1.08 * float(values[:, nearest].max())
+    axes.set_ylim(-0.12 * top, top)
+    axes.axhspan(-top, 0.0, color=NOISE, lw=0, zorder=0)
+    axes.axhline(0, color=INK, lw=0.9, zorder=1)
+    label_y_axis(axes, "clearance (m)")
+
+
 def limits_of_quantity(use: LimitUse, quantity: str) -> tuple[LimitedQuantity, ...]:
     """The limited quantities of one derivative or of the workspace."""
     return tuple(q for q in use.limited_quantities if q.quantity == quantity)
-
-
-# Arm postures, tip path and workspace limits.
-
-
-POSTURES = 5
-PATH_POINTS = 800
-LABEL_DISTANCE = 13.0
-"""Points from the tip to the centre of its label."""
-
-
-def draw_postures(
-    axes: Axes, motion: Trajectory, arm: Arm, tip_length: float, colours: tuple[Array, Colormap, Normalize] | None
-) -> None:
-    """The arm at a few instants and the path of its tip, m; a spatial arm from the side, x and z.
-
-    colours: values along the path at equally spaced instants (N,) of one period, with colour map and scale.
-    """
-    upward = 1 if isinstance(arm, PlanarArm) else 2
-    if isinstance(arm, PlanarArm):
-        _arms(axes, motion, arm, tip_length)
-    tip = tip_path(motion, arm, tip_length, np.linspace(0.0, motion.period, PATH_POINTS))[:, [0, upward]]
-    _path(axes, tip, colours)
-    low, high = tip.min(axis=0), tip.max(axis=0)
-    base = np.zeros(2) if isinstance(arm, PlanarArm) else low
-    low, high = np.minimum(low, base), np.maximum(high, base)
-    margin = 0.12 * float((high - low).max())
-    axes.set(xlim=(low[0] - margin, high[0] + margin), ylim=(low[1] - margin, high[1] + margin))
-    axes.set_aspect("equal", adjustable="box", anchor="NW")
-    axes.set_xlabel("x (m)")
-    axes.set_ylabel("y (m)" if upward == 1 else "z (m)")
-    panel_title(axes, "tip path" + (" and arm postures" if upward == 1 else ", side view"))
 
 
 def draw_workspace(axes: Axes, limited_quantities: Sequence[LimitedQuantity], upward: str) -> None:
@@ -219,64 +263,17 @@ def draw_workspace(axes: Axes, limited_quantities: Sequence[LimitedQuantity], up
                 line(limit, color=MISFIT_COLOUR if active else INK, lw=2.0 if active else 0.9, zorder=1)
 
 
-def write_workspace_limits(axes: Axes, limited_quantities: Sequence[LimitedQuantity]) -> None:
-    """Below the axes a line per workspace coordinate: its limits and their use."""
-    for line, limited in enumerate(limited_quantities):
-        text = f"tip {limited.name}  {limit_use_text(limited)} of {limits_text(limited)}"
-        colour, weight = (MISFIT_COLOUR, "bold") if is_active(limited) else (INK, "normal")
-        style: dict[str, Any] = {"textcoords": "offset points", "va": "top", "annotation_clip": False}
-        style |= {"fontsize": SMALL, "color": colour, "fontweight": weight}
-        axes.annotate(text, (0, 0), (0, -32 - 11 * line), axes.transAxes, **style)
-
-
-def link_positions(arm: PlanarArm, tip_length: float, q: Array) -> Array:
-    """Base, joints, sensor and tip (P, n + 2, 2), m, in postures q (P, n), by arms truncated after each link."""
-    ends = [np.zeros((2, len(q)))]
-    for cut in range(1, arm.joints + 1):
-        ends.append(np.array(PlanarArm(arm.link_lengths[:cut], arm.base).tip(0.0).map(len(q))(q[:, :cut].T)))
-    ends.append(np.array(arm.tip(tip_length).map(len(q))(q.T)))
-    return np.array(ends).transpose(2, 0, 1)
-
-
-def farthest_points(points: Array, count: int) -> list[int]:
-    """Indices of `count` points of (N, 2): the first, then each time the one farthest from those chosen."""
-    chosen = [0]
-    while len(chosen) < count:
-        distance = np.linalg.norm(points[:, None] - points[chosen], axis=2).min(axis=1)
-        chosen.append(int(distance.argmax()))
-    return chosen
-
-
-def _arms(axes: Axes, motion: Trajectory, arm: PlanarArm, tip_length: float) -> None:
-    time = np.linspace(0.0, motion.period, PATH_POINTS)
-    shown = time[farthest_points(tip_path(motion, arm, tip_length, time), POSTURES)]
-    for at, links in zip(shown, link_positions(arm, tip_length, motion.derivative(shown, 0)), strict=True):
-        axes.plot(*links.T, color=MEASURED, lw=1.5, alpha=0.55, solid_joinstyle="round", zorder=2)
-        axes.plot(*links[1:-1].T, "o", color=MEASURED, ms=3, zorder=2)
-        axes.plot(*links[-1], "o", color=INK, ms=3, zorder=5)
-        along = links[-1] - links[0]
-        beyond = LABEL_DISTANCE * along / max(float(np.hypot(*along)), 1e-9)
-        style: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": SMALL, "color": INK, "zorder": 6}
-        axes.annotate(f"{format_number(float(at), 2)} s", links[-1], tuple(beyond), textcoords="offset points", **style)
-    axes.plot(0, 0, "s", color=INK, ms=6, zorder=4)
-
-
-def _path(axes: Axes, tip: Array, colours: tuple[Array, Colormap, Normalize] | None) -> None:
-    if colours is None:
-        axes.plot(*tip.T, color=INK, lw=2.0, zorder=3)
-        return
-    values, cmap, norm = colours
-    pieces = np.stack([tip[:-1], tip[1:]], axis=1)
-    nearest = (np.arange(len(pieces)) * len(values)) // len(pieces)
-    lines = LineCollection(list(pieces), array=values[nearest], cmap=cmap, norm=norm, lw=3.0, zorder=3)
-    lines.set_capstyle("round")
-    axes.add_collection(lines)
+# The figure: limits and information over time on the left, the arm on the right.
 
 
 LEFT, TIME, USES, RIGHT = 78, 374, 266, 10
 """CSS pixels: axis labels, panels over time, text to their right, right margin."""
 TOP, SHARES, TOTAL, BETWEEN, HEAD, BOTTOM = 26, 104, 78, 14, 34, 40
 """CSS pixels: margins, panel heights, the space between panels and above a heading."""
+VIEW, BELOW, NOTE = 330, 74, 14
+"""CSS pixels: height of a view of a spatial arm, what is below it to the next one, and a line of a note."""
+NOTE_CHARACTERS = 66
+"""Of a line of a note."""
 
 
 def trajectory_figure(
@@ -287,31 +284,66 @@ def trajectory_figure(
     tip_length: float | None = None,
     workspace: Workspace | None = None,
     information: SampleInformation | None = None,
+    notes: Sequence[str] = (),
 ) -> Figure:
-    """Joints relative to their limits, information per sample, and tip path (with postures of a planar arm).
+    """Limits and their use, information, and the arm with the path of its tip; `notes` are written below it.
 
-    Without an arm there is no path, without `information` no panels of it; tip_length in m, 0 when None.
+    Without an arm there is none, without `information` no panels of it; tip_length in m, 0 when None.
     """
     use = LimitUse.of(motion, limits, workspace, arm, tip_length)
-    quantities = [quantity for quantity in LIMITED_DERIVATIVES if limits_of_quantity(use, quantity)]
-    share = max(SHARES, LINE_HEIGHT * (motion.joints + 1))
-    middle = TOP + len(quantities) * (share + BETWEEN) - BETWEEN
-    information_height = 0.0 if information is None else HEAD + TOTAL + BETWEEN + ROW_HEIGHT * len(information.names)
-    page = PixelLayout.of(middle + information_height + BOTTOM)
+    moved = None
+    if arm is not None:
+        moved = ArmInMotion(
+            motion=motion, arm=arm, tip_length=tip_length or 0.0, position=limits.position, workspace=workspace
+        )
+    counts = {name: len(limits_of_quantity(use, name)) for name in use.by_quantity}
+    if "clearance" in counts:
+        counts["clearance"] = SHOWN_CLEARANCES
+    heights = {name: max(SHARES, LINE_HEIGHT * (count + 1)) for name, count in counts.items()}
+    middle = TOP + sum(heights.values()) + BETWEEN * (len(heights) - 1)
+    below = 0.0 if information is None else 2 * (HEAD + TOTAL) + BETWEEN + ROW_HEIGHT * len(information.names)
+    views = () if arm is None else (PLANE,) if isinstance(arm, PlanarArm) else (FROM_THE_SIDE, FROM_ABOVE)
+    beside = len(views) * (VIEW + BELOW) + NOTE * len(_notes(moved, notes)) if len(views) > 1 else 0.0
+    page = PixelLayout.of(max(middle + below + BOTTOM, TOP + beside))
 
-    panels = [page.panel(LEFT, TOP + i * (share + BETWEEN), TIME, share) for i in range(len(quantities))]
-    for axes, quantity in zip(panels, quantities, strict=True):
-        draw_limit_use(axes, motion, list(LIMITED_DERIVATIVES).index(quantity), limits_of_quantity(use, quantity))
-        write_limit_use(axes, limits_of_quantity(use, quantity), TIME, share)
-    panel_title(panels[0], "joint limits and their largest use")
+    panels, top = list[Axes](), float(TOP)
+    for name, height in heights.items():
+        panels.append(page.panel(LEFT, top, TIME, height))
+        _limit_panel(panels[-1], motion, moved, limits_of_quantity(use, name), height)
+        top += height + BETWEEN
+    panel_title(panels[0], "limits and their largest use")
     if information is not None:
         panels += _information_panels(page, motion, information, middle + HEAD)
-    if arm is not None:
-        _tip_path_panel(page, motion, arm, tip_length or 0.0, use, information, middle)
     for axes in panels[:-1]:
         axes.tick_params(labelbottom=False)
     panels[-1].set_xlabel("time (s)")
+    if moved is not None:
+        _arm_panels(page, moved, views, limits_of_quantity(use, "workspace"), information, middle - TOP, notes)
     return page.figure
+
+
+def _limit_panel(
+    axes: Axes, motion: Trajectory, moved: ArmInMotion | None, limited: Sequence[LimitedQuantity], height: float
+) -> None:
+    time, quantity = np.linspace(0.0, motion.period, PLOT_POINTS), limited[0].quantity
+    axes.set_xlim(0, motion.period)
+    if quantity == "clearance" and moved is not None:
+        draw_clearances(axes, moved, time, height)
+        return
+    values = limited_values(motion, moved, quantity, time)
+    if values is None:
+        draw_ranges(axes, limited)
+    else:
+        draw_limit_use(axes, time, values, limited)
+    extent = max(1.16, *(1.05 * each.use for each in limited))
+    for side in (-1, 1):
+        axes.axhspan(side, 2 * side * extent, color=NOISE, lw=0, zorder=0)
+        axes.axhline(side, color=INK, lw=0.9, zorder=1)
+    axes.axhline(0, color=MUTED, lw=0.4, zorder=0.5)
+    axes.set_ylim(-extent, extent)
+    axes.set_yticks([-1, 0, 1], ["low", "middle", "high"])
+    label_y_axis(axes, "tip" if quantity == "workspace" else quantity)
+    write_limit_use(axes, limited, TIME, height)
 
 
 def _information_panels(
@@ -320,23 +352,41 @@ def _information_panels(
     total = page.panel(LEFT, top, TIME, TOTAL)
     rows = ROW_HEIGHT * len(information.names)
     strip = page.panel(LEFT, top + TOTAL + BETWEEN, TIME, rows)
+    accumulated = page.panel(LEFT, top + TOTAL + BETWEEN + rows + HEAD, TIME, TOTAL)
     draw_information(total, motion, information)
     draw_parameter_information(strip, motion, information)
     draw_colour_bar(page.panel(LEFT + TIME + 16, top + TOTAL + BETWEEN, 8, rows))
-    return [total, strip]
+    draw_accumulated(accumulated, motion, information)
+    return [total, strip, accumulated]
 
 
-def _tip_path_panel(
+def _notes(moved: ArmInMotion | None, notes: Sequence[str]) -> list[str]:
+    """Lines below the arm: its closest approach, and what else is said."""
+    approach = None if moved is None else moved.approach
+    closest = [] if approach is None else [str(approach)]
+    return [line for note in (*closest, *notes) for line in wrap(note, NOTE_CHARACTERS)]
+
+
+def _arm_panels(
     page: PixelLayout,
-    motion: Trajectory,
-    arm: Arm,
-    tip_length: float,
-    use: LimitUse,
+    moved: ArmInMotion,
+    views: Sequence[View],
+    limited: Sequence[LimitedQuantity],
     information: SampleInformation | None,
-    bottom: float,
+    height: float,
+    notes: Sequence[str],
 ) -> None:
-    left, limited_quantities = LEFT + TIME + USES, limits_of_quantity(use, "workspace")
-    axes = page.panel(left, TOP, WIDTH - left - RIGHT, bottom - TOP)
-    draw_postures(axes, motion, arm, tip_length, None if information is None else information_colours(information))
-    draw_workspace(axes, limited_quantities, "y" if isinstance(arm, PlanarArm) else "z")
-    write_workspace_limits(axes, limited_quantities)
+    left = LEFT + TIME + USES
+    width, height = WIDTH - left - RIGHT, VIEW if len(views) > 1 else height
+    for number, view in enumerate(views):
+        axes = page.panel(left, TOP + number * (VIEW + BELOW), width, height)
+        draw_arm(axes, moved, view, None if information is None else information_colours(information))
+        draw_workspace(axes, limited, "xyz"[view.up])
+        if view is views[-1]:
+            _write_notes(axes, _notes(moved, notes))
+
+
+def _write_notes(axes: Axes, lines: Sequence[str]) -> None:
+    for line, text in enumerate(lines):
+        down = -(0.75 * BELOW + line * NOTE) * 72 / PIXELS_PER_INCH
+        axes.annotate(text, (0, 0), (0, down), "axes fraction", textcoords="offset points", fontsize=SMALL, color=INK)

@@ -14,6 +14,10 @@ Array = npt.NDArray[np.float64]
 Vector = tuple[float, float, float]
 States = tuple[Array, Array, Array]
 """Coordinates (N, n), their rates and their accelerations."""
+Mount = tuple[Vector, tuple[float, float, float, float]]
+"""Place (m) of a frame in another, and its turn as a quaternion x, y, z, w."""
+Chain = Sequence[tuple[Mount, Vector, bool]]
+"""From the world on, each joint's place in the frame that the one before it moves, its axis, and whether it slides."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -110,6 +114,26 @@ class Scene:
             tool = f'<body name="tool"><joint type="ball"/>{matter}{sites}{payloads}</body>'
             return f'<body name="plate" {mount}>{sensor}{tool}</body>'
         return f'<body name="tool" {mount}>{matter}{sensor}{sites}{payloads}</body>'
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ChainScene(Scene):
+    """The tool at the end of any chain of joints, in place of the carriage.
+
+    mount   of the tool in the frame that the last joint moves
+    """
+
+    chain: Chain
+    mount: Mount
+
+    def _carriage(self, sites: str) -> str:
+        opened = "".join(
+            f'<body pos="{_numbers(place)}" quat="{_quaternion(Rotation.from_quat(turn))}">'
+            f'<joint type="{"slide" if slides else "hinge"}" axis="{_numbers(axis)}"/>{_LINK_BODY}'
+            for (place, turn), axis, slides in self.chain
+        )
+        place, turn = self.mount
+        return opened + self._tool(Rotation.from_quat(turn), place, sites) + "</body>" * len(self.chain)
 
 
 _AXES = ("1 0 0", "0 1 0", "0 0 1")

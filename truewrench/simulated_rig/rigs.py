@@ -12,7 +12,17 @@ from scipy.spatial.transform import Rotation
 
 from design.trajectories.fourier import random_periodic_trajectory
 from design.trajectories.trajectory import Trajectory
-from truewrench.simulated_rig.mujoco_scene import Array, Scene, Track, Vector, mujoco_rows
+from truewrench.simulated_rig.mujoco_scene import (
+    Array,
+    Chain,
+    ChainScene,
+    Mount,
+    Scene,
+    States,
+    Track,
+    Vector,
+    mujoco_rows,
+)
 from truewrench.simulated_rig.sensor_effects import WarmUpTemperature
 
 PLANAR_CHANNELS = ("fx", "fy", "tau")
@@ -78,6 +88,21 @@ class SimulatedRig(ABC):
     @abstractmethod
     def random_poses(self, count: int, rng: np.random.Generator) -> Array:
         """Coordinates (count, n) of random poses."""
+
+
+def repeat_on_chain(
+    tool: SimulatedRig, chain: Chain, mount: Mount, tip_length: float, states: States
+) -> tuple[Array, Array]:
+    """The tip (N, 3), m, world, and the wrench (N, p) that the sensor exerts on a rig's tool, carried by other joints.
+
+    chain, mount   as of a `ChainScene`
+    tip_length     m, from the sensor along the tip
+    """
+    scene = ChainScene(**vars(tool.scene) | {"links": ()}, chain=chain, mount=mount)
+    along = tip_length * scene.tip_axis
+    rows = mujoco_rows(scene, ((float(along[0]), float(along[1]), float(along[2])),), states, None)
+    track = Track.of(rows, np.zeros(len(rows)))
+    return track.point, track.wrench[:, tool.rows]
 
 
 @dataclass(frozen=True, kw_only=True)

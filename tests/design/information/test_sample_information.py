@@ -34,6 +34,20 @@ def test_shares_add_up() -> None:
     assert (found.by_parameter >= 0).all()
 
 
+def test_accumulated_information_is_that_of_the_first_samples() -> None:
+    """Of four parameters, in three channels, nothing is known before the second sample; no unit matters."""
+    s = columns(4)
+    logdet, condition = SampleInformation.of(s, NAMES).accumulated
+    assert (logdet[0], condition[0]) == (-np.inf, np.inf)
+    for end in (2, 10, 50):
+        rows = s[:end].reshape(-1, 4)
+        assert logdet[end - 1] == pytest.approx(
+            np.linalg.slogdet(rows.T @ rows)[1], abs=1e-6
+        )  # rounding, squared units
+        scaled = rows / np.linalg.norm(s, axis=(0, 1))
+        assert condition[end - 1] == pytest.approx(np.linalg.cond(scaled), rel=1e-9)
+
+
 def test_variance_of_an_estimate_is_the_sum_of_its_samples() -> None:
     """Noise in one sample alone gives each estimate that sample's share of its variance: 4000 draws, 5 std (2e-6)."""
     s, rng, at = columns(2), np.random.default_rng(3), 7

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -15,10 +16,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from design.trajectories.fourier import random_periodic_trajectory
 from modeling.chain.model import planar
 from modeling.chain.prediction import compiled_prediction
 from modeling.kinematics.arm import PlanarArm
+from modeling.rig import Rig
+from tests.shared.rigs import RIG, spatial_arm
 from truewrench.command_line import main
+from truewrench.commands.design import simulated_repeat
 
 RIG_TEXT = """
 [robot]
@@ -311,3 +316,21 @@ def test_a_far_ceiling_leaves_the_floor_where_it_is(tmp_path: Path, capsys: pyte
         path.write_text(RIG_TEXT.replace("y = [0.4, 2.6]", f"y = [0.4, {ceiling}]"))
         reached.append(json.loads(ran(capsys, path, *QUICK, "--json")[1])["logdet"])
     assert abs(reached[0] - reached[1]) < 0.5  # other local optima; metres of floor were worth seven nats
+
+
+@pytest.mark.parametrize("name", ["elbow", "seven", "slide"])
+def test_simulated_repeat_is_what_was_planned(name: str) -> None:
+    """By MuJoCo's kinematics and inverse dynamics of the chain, on a tilted base."""
+    pytest.importorskip("mujoco")
+    rig = Rig(spatial_arm=spatial_arm(name), tip_length=0.2, gravity_direction=(0.6, 0.0, -0.8))
+    assert rig.arm is not None
+    joints = rig.arm.joints
+    motion = random_periodic_trajectory(
+        joints=joints, position=0.8, velocity=2.0, acceleration=9.0, harmonics=3, period=4.0, seed=1
+    )
+    said = simulated_repeat(rig, motion, 50)
+    assert said is not None
+    off, apart = (float(word) for word in re.findall(r"within (\S+) [mN]", said))
+    assert off < 1e-12  # rounding
+    assert apart < 1e-10
+    assert simulated_repeat(RIG, motion, 50) is None  # of a planar arm there is none
