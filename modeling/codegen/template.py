@@ -22,7 +22,7 @@ from modeling.codegen.expression_text import (
     parameter_comment,
     regressor_documentation,
 )
-from modeling.codegen.fitted_model import FittedModel
+from modeling.codegen.fitted_model import FittedModel, MonitorProgram
 from modeling.codegen.rigid_tool_regressor import RigidToolRegressor
 from modeling.compiled.straight_line_program import StraightLineProgram
 from modeling.dynamics.sample_program import SampleProgram
@@ -115,6 +115,9 @@ class TemplateTarget(CodeTarget):
 
     def model(self, fitted: FittedModel, source: str) -> str:
         """A file with the functions of a fitted model."""
+        return self._model(fitted, source, None)
+
+    def _model(self, fitted: FittedModel, source: str, monitor: MonitorProgram | None) -> str:
         kinds = {"inputs": fitted.inputs, "channels": fitted.model.channels, "components": fitted.components}
         parameters = [
             {
@@ -136,6 +139,9 @@ class TemplateTarget(CodeTarget):
             "derivative": fitted.sensitivity,
             "derivative_name": fitted.derivative_name,
             "derivative_about": partial(derivative_documentation, fitted),
+            "fitted": fitted,
+            "monitor": monitor,
+            "comment": comment_text,
         }
         return self._rendered("model", values)
 
@@ -175,6 +181,10 @@ class CTarget(TemplateTarget):
         kept="state->kept[{}]",
         infinity="HUGE_VAL",
     )
+
+    def monitored(self, monitor: MonitorProgram, source: str) -> str:
+        """A file with the functions of a fitted model and of its monitor."""
+        return self._model(monitor.fitted, source, monitor)
 
     @staticmethod
     def input_names(base: RigidToolRegressor) -> dict[sp.Symbol, str]:
