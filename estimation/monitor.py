@@ -13,6 +13,7 @@ detection, New England Journal of Statistics in Data Science 2, 2024).
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -26,10 +27,11 @@ from estimation.case import prepared
 from estimation.contact.contact_wrench import CalibratedModel, compensate
 from estimation.fit import Fit, require_recording
 from estimation.least_squares.estimates import Estimate
-from estimation.multiplicity import chi2_isf
+from estimation.multiplicity import chi2_isf, normal_isf
 from estimation.recordings.recording import Recording
 from estimation.streaming.streamed_fit import StreamedFit
 from modeling.chain.model import WrenchModel
+from modeling.chain.pseudo_inertia import pseudo_inertia
 from modeling.chain.sensor_axes import contact_gain_at, group_delay
 from modeling.codegen.casadi_target import CasadiSample, state_size
 from modeling.codegen.fitted_model import FittedModel, MonitorProgram
@@ -37,10 +39,13 @@ from modeling.compiled.symbolic_vector import casadi_results
 from modeling.errors import InputError, kind_of
 from modeling.noise import NoiseModel
 from modeling.rigid_body import inertial_parameters
+from modeling.significance import LEVELS
 from modeling.space import signals
 
 Array = NDArray[np.float64]
 
+TOOL = ("mass", "centre of mass")
+"""Groups of the rigid tool: with its mass, and without."""
 SECONDS_PER_DAY = 86400.0
 HOUR = 3600.0
 BLOCKS_PER_CONTACT = 10
@@ -64,6 +69,9 @@ GATE = 1e-4
 one block in ten thousand that is left out for nothing costs nothing."""
 ODDS = 20.0
 """Likelihood ratio up to which times, or groups, are said to be possible beside the likeliest: that of 5 %."""
+LEAST_SHARE = 0.8
+"""Share of a departure that a group has to explain to be named, and to be given an amount: what is left of it has then
+less than half of its size."""
 SLOW = 0.25
 """Log evidence a block up to which an excursion may as well be the fit's own error, on which a change follows: a
 quarter of what counts at most. The end of the interval of a change is told without it."""
@@ -88,9 +96,9 @@ class Change(NamedTuple):
     start, end  s, the time of the change lies between: the times with odds of up to 20 against the likeliest
     stated      s, when it was stated
     group       what changed most likely: "bias", "mass" (of the rigid tool, with its moments), "centre of mass", or the
-                id of an effect of the model
-    others      groups with odds of up to 20 against it
-    by          by how much the parameters of the group differ from the fit since then, a bias from its last value
+                id of an effect of the model; empty where none of them explains 80 % of the departure
+    others      groups with odds of up to 20 against it, or against the nearest of those that do not explain it
+    by          by how much the parameters of the group differ from the fit since then, a bias from its value before
     """
 
     start: float
@@ -102,9 +110,12 @@ class Change(NamedTuple):
 
     def __str__(self) -> str:
         """One line."""
+        when = f"changed between {self.start:.6g} and {self.end:.6g} s"
+        if not self.group:
+            return f"{when}: like nothing in the model alone; {' or '.join(self.others)} comes nearest"
         amounts = ", ".join(f"{e.name} {e.value:+.3g} ± {e.std:.2g} {e.unit}" for e in self.by.values())
         beside = f" (or {', '.join(self.others)})" if self.others else ""
-        return f"changed between {self.start:.6g} and {self.end:.6g} s: looks like {self.group}{beside}, {amounts}"
+        return f"{when}: looks like {self.group}{beside}, {amounts}"
 
 
 class Monitor:
@@ -271,7 +282,7 @@ class Monitor:
     @property
     def tool(self) -> Mapping[str, Estimate]:
         """The rigid tool as the last blocks have it (mass, first moment, inertia), with std."""
-        group = self.program.groups.index("mass")
+        group = self.program.groups.index(TOOL[0])
         return self._estimates(group + 1, self.program.members[group])
 
     def _estimates(self, number: int, places: Sequence[int]) -> dict[str, Estimate]:
@@ -296,18 +307,29 @@ class Monitor:
     def _stated(self) -> Change:
         program, filters, odds = self.program, self._filters, self._filters.odds
         best = int(np.argmax(odds))
+        changes, covariance, share = filters.changed(best)
+        explains = share >= LEAST_SHARE and (program.groups[best] not in TOOL or self._is_a_body(changes, covariance))
         near = [name for name, value in zip(program.groups, odds, strict=True) if value > odds[best] - program.doubt]
-        value, std = filters.changed(best)
-        value[: len(filters.bias[0])] -= filters.bias[0]
-        chosen = [(program.fitted.parameters[i], float(value[i]), float(std[i])) for i in program.members[best]]
+        spread = np.sqrt(np.diag(covariance))
+        chosen = [(program.fitted.parameters[i], float(changes[i]), float(spread[i])) for i in program.members[best]]
         return Change(
-            start=max(0, filters.began[best] - program.block) * self.dt,
+            start=max(0, int(filters.began[best]) - program.block) * self.dt,
             end=int(filters.until[best]) * self.dt,
             stated=self.time,
-            group=program.groups[best],
-            others=tuple(name for name in near if name != program.groups[best]),
-            by={p.name: Estimate(p.name, change, s, p.unit) for p, change, s in chosen},
+            group=program.groups[best] if explains else "",
+            others=tuple(name for name in near if name != program.groups[best] or not explains),
+            by={p.name: Estimate(p.name, change, std, p.unit) for p, change, std in chosen if explains},
         )
+
+    def _is_a_body(self, changes: Array, covariance: Array) -> bool:
+        """Whether the tool may be one, with these changes (k,): the pseudo-inertia has no eigenvalue below 0."""
+        inertia, fitted = pseudo_inertia(self.calibration.model.base), self.program.fitted
+        places = [[p.name for p in fitted.parameters].index(name) for name in inertia.names]
+        theta = np.array([fitted.values[name] for name in inertia.names]) + changes[places]
+        smallest, vectors = np.linalg.eigh(inertia.at(theta))
+        gradient = inertia.slopes @ vectors[:, 0] @ vectors[:, 0]
+        std = np.sqrt(gradient @ covariance[np.ix_(places, places)] @ gradient)
+        return bool(smallest[0] > -normal_isf(LEVELS.constraint) * std)
 
 
 def _error(what: str, remedy: str) -> InputError:
@@ -409,9 +431,9 @@ class _Filters:
     """The filters, (J + 1, k, k + 1), and what the blocks so far say of each group.
 
     evidence  (J,) logarithms that count, capped; `odds` those that are not, since the excursion that began at the
-              sample `began` (J,)
+              sample `began` (J,), when the bias was the `reference`
     steep     (J,) the same, less `slow` a block: up to the sample `until` (J,) it was in doubt
-    since     (J, k, k + 1) R factors of the blocks since the evidence was half of the threshold
+    clear     (J,) the last blocks in which the evidence was above half of the threshold; `recent` has them
     bias      deviation of the zero of the channels from the fit, with std (p,); `first` is that after the first blocks
     """
 
@@ -421,26 +443,52 @@ class _Filters:
         self.states = np.concatenate([program.priors, np.zeros((count + 1, size, 1))], axis=2)
         self.evidence, self.odds, self.steep = np.zeros(count), np.zeros(count), np.zeros(count)
         self.began, self.until = np.zeros(count, dtype=np.intp), np.zeros(count, dtype=np.intp)
-        self.statistic, self.log, self.since = 0.0, 0.0, np.zeros((count, size, size + 1))
+        self.statistic, self.log, self.recent = 0.0, 0.0, deque[Array](maxlen=SHORT_MEMORY)
+        self.clear = np.zeros(count, dtype=np.intp)
         self.bias = self.first = np.zeros(len(program.walk)), UNKNOWN * program.units[: len(program.walk)]
+        self.reference = [self.bias] * count
 
     @property
     def level(self) -> float:
         """Log of the mean evidence over the groups."""
         return float(np.logaddexp.reduce(self.evidence) - np.log(len(self.evidence)))
 
-    def changed(self, group: int) -> tuple[Array, Array]:
-        """Deviations (k,) from the fit by the blocks of a group's excursion, and what filter 0 knows of the others."""
-        rows = [self._unknowing(group, self.states[0]), self._ordered(group, self.since[group])]
-        return self.estimate(group + 1, _square(np.vstack(rows)))
+    def changed(self, group: int) -> tuple[Array, Array, float]:
+        """Deviations (k,) from the fit by the clear blocks of a group, their covariance, and the share that it explains.
 
-    def estimate(self, number: int, state: Array | None = None) -> tuple[Array, Array]:
+        A bias deviates from its value when the excursion began. The covariance has that of the fit, or of this value,
+        in it. The share is of the chi-square of a step of the bias, above its expectation, summed over these blocks; all
+        of it where no more than as much as noise is left.
+        """
+        program, size = self.program, len(self.program.walk)
+        blocks, (zero, spread) = list(self.recent)[-max(1, int(self.clear[group])) :], self.reference[group]
+        biases = 0 if program.members[group][0] == 0 else size  # those that filter 0 learned may have given way
+        rows = [self._unknowing(group, self.states[0], biases), *(self._ordered(group, block) for block in blocks)]
+        value, covariance = self._solved(group + 1, _square(np.vstack(rows)))
+        excess = []
+        for deviation in (self._solved(0, self.states[0])[0], value):
+            residuals = ((block[:, :size], block[:, -1] - block[:, :-1] @ deviation) for block in blocks)
+            excess.append(sum(float(np.sum((np.linalg.qr(a)[0].T @ b) ** 2)) - size for a, b in residuals))
+        inverse = np.linalg.inv(program.priors[0])
+        before = inverse @ inverse.T
+        before[:size], before[:, :size] = 0.0, 0.0
+        before[np.arange(size), np.arange(size)] = (spread / program.units[:size]) ** 2
+        changes = value * program.units
+        changes[:size] -= zero
+        covariance = (covariance + before) * np.outer(program.units, program.units)
+        no_more_than_noise = excess[1] <= len(blocks) * size
+        return changes, covariance, 1.0 if no_more_than_noise else 1.0 - excess[1] / max(excess[0], excess[1])
+
+    def _solved(self, number: int, state: Array) -> tuple[Array, Array]:
+        """Deviations (k,) by a state of a filter, and their covariance (k, k), in units."""
+        order = self.program.orders[number]
+        inverse = np.linalg.inv(state[:, :-1])[np.argsort(order)]
+        return inverse @ state[:, -1], inverse @ inverse.T
+
+    def estimate(self, number: int) -> tuple[Array, Array]:
         """Deviations (k,) of the parameters from the fit, by one filter, and their std, in their units."""
-        state, order = self.states[number] if state is None else state, self.program.orders[number]
-        value, std = np.zeros(len(order)), np.zeros(len(order))
-        inverse = np.linalg.inv(state[:, :-1])
-        value[order], std[order] = inverse @ state[:, -1], np.linalg.norm(inverse, axis=1)
-        return value * self.program.units, std * self.program.units
+        value, covariance = self._solved(number, self.states[number])
+        return value * self.program.units, np.sqrt(np.diag(covariance)) * self.program.units
 
     def absorb(self, block: Array, samples: int) -> None:
         """Take the R factor (k, k + 1) of a block that ended at that sample."""
@@ -458,26 +506,27 @@ class _Filters:
         self.log, departs = float(logs[0]), self.statistic > program.gate
         for group in np.flatnonzero(departs & (self.odds < program.doubt)).tolist():
             after[group + 1] = _square(np.vstack([self._unknowing(group, before[0]), self._ordered(group, block)]))
-        self.states = np.stack([before[0] if departs else after[0], *after[1:]])
+        held = departs or self.evidence.max(initial=0.0) > program.cap * program.contact_blocks
+        self.states = np.stack([before[0] if held else after[0], *after[1:]])
+        self.recent.append(block)
         self.blocks, first, self.samples = self.blocks + 1, self.samples, samples
-        value, std = self.estimate(0)
+        earlier, (value, std) = self.bias, self.estimate(0)
         self.bias = value[:size], std[:size]
         if self.blocks <= FIRST_BLOCKS:
             self.first = self.bias
         for group, gain in enumerate((logs[1:] - logs[0]).tolist()):
-            self._count(group, gain, first, samples)
-            earlier = self.since[group][: None if self.evidence[group] > 0.5 * program.threshold else 0]
-            self.since[group] = _square(np.vstack([earlier, block]))
+            if self.odds[group] <= 0.0:
+                self.began[group], self.reference[group] = first, earlier
+            self._count(group, gain, samples)
+            self.clear[group] = self.clear[group] + 1 if self.evidence[group] > 0.5 * program.threshold else 0
 
-    def _count(self, group: int, gain: float, first: int, samples: int) -> None:
-        """The log likelihood ratio of a block, of the samples from `first` on, for a group."""
+    def _count(self, group: int, gain: float, samples: int) -> None:
+        """The log likelihood ratio of a block, which ended at a sample, for a group."""
         program = self.program
         if gain < program.refuted:
             self.states[group + 1] = _square(self._ordered(group, self.states[0]))
             self.evidence[group] = self.odds[group] = self.steep[group] = 0.0
             return
-        if self.odds[group] <= 0.0:
-            self.began[group] = first
         if self.steep[group] <= program.doubt:
             self.until[group] = samples
         self.evidence[group] = max(self.evidence[group], 0.0) + min(gain, program.cap)
@@ -488,10 +537,10 @@ class _Filters:
         """Rows (n, k + 1) with the parameters in the order of a group's filter."""
         return np.asarray(rows[:, [*self.program.orders[group + 1], -1]])
 
-    def _unknowing(self, group: int, state: Array) -> Array:
-        """A state of filter 0 in the order of a group's filter, to which the group may be anything."""
+    def _unknowing(self, group: int, state: Array, biases: int = 0) -> Array:
+        """A state of filter 0 in the order of a group's filter, to which the group, and so many biases, may be anything."""
         ordered = _square(self._ordered(group, state))
-        ordered[: len(self.program.members[group])] /= UNKNOWN
+        ordered[: len(self.program.members[group]) + biases] /= UNKNOWN
         return ordered
 
     def _aged(self, number: int) -> Array:
@@ -516,8 +565,8 @@ def _groups(fitted: FittedModel, model: WrenchModel) -> list[tuple[str, list[int
     tool = [p.name for p in inertial_parameters(model.space)] + [n for n in names if n.startswith("com_offset.")]
     groups = {
         "bias": [p.name for p in model.biases],
-        "mass": tool,
-        "centre of mass": [name for name in tool if name != "m"],
+        TOOL[0]: tool,
+        TOOL[1]: [name for name in tool if name != "m"],
         **{
             e.id: [p.name for p in e.qualified(model.space) if not p.nuisance] for e in model.effects if e.id != "com_offset"
         },
@@ -584,8 +633,8 @@ def _drift(calibration: CalibratedModel, drift: Mapping[str, float] | None) -> A
 def _prior(fitted: FittedModel, calibration: CalibratedModel) -> tuple[Array, Array]:
     """Units (k,) of the parameters, and their covariance (k, k) before the first sample, in units.
 
-    The unit is the std of the fit, of a bias the noise of a sample, of what the fit does not know its value, at least 1.
-    The zero is that of another session.
+    The unit is the std of the fit, of a bias the noise of a sample, of what the fit does not know its value, at least 1;
+    of what is fixed, or a sample does not show, 0. The zero is that of another session.
     """
     place = {p.name: i for i, p in enumerate(calibration.model.parameters)}
     index = [place[p.name] for p in fitted.parameters]
@@ -593,7 +642,9 @@ def _prior(fitted: FittedModel, calibration: CalibratedModel) -> tuple[Array, Ar
     variance, size = np.diag(covariance), len(calibration.floor)
     units = np.where(np.isfinite(variance), np.sqrt(np.maximum(variance, 0.0)), np.maximum(np.abs(theta), 1.0))
     units[:size] = calibration.floor
-    known = np.isfinite(variance) & (variance > 0)
+    assert fitted.sensitivity is not None
+    units[[not any(fitted.sensitivity.results[i :: len(units)]) for i in range(len(units))]] = 0.0
+    known = np.isfinite(variance) & (units > 0)
     known[:size] = False
     prior = np.eye(len(units))
     scaled = covariance[np.ix_(known, known)] / np.outer(units[known], units[known])
@@ -623,7 +674,8 @@ def _series(fitted: FittedModel, model: WrenchModel, recording: Recording, dt: f
 def _in_noise(program: MonitorProgram, calibration: CalibratedModel, recording: Recording) -> MonitorProgram:
     """A program in the noise of ordinary work: the residual's autoregression, and what its blocks show beyond it.
 
-    Between blocks the zero walks by at least the stated drift, and by as much more as is likeliest.
+    Between blocks the zero walks by at least the stated drift, by as much more as is likeliest, and by so much that the
+    evidence of a change in this ordinary work is what it has with a probability of at most 5 % where nothing changed.
     """
     u, y = _series(program.fitted, calibration.model, recording, recording.dt or 1.0)
     settled, running, block = program.fitted.program.settling, _RunningModel(program.fitted), program.block
@@ -644,8 +696,14 @@ def _in_noise(program: MonitorProgram, calibration: CalibratedModel, recording: 
         raise _error(f"{recording.name} is too short for the noise of blocks of {seconds:.3g} s", remedy)
     walks = [program.walk * factor for factor in WALKS]
     scales, likelihoods = zip(*(_of_blocks(replace(program, walk=walk), blocks) for walk in walks), strict=True)
-    best = int(np.argmax(likelihoods))
-    return replace(program, noise=replace(noise, covariance=noise.covariance * scales[best]), walk=walks[best])
+    for choice in range(int(np.argmax(likelihoods)), len(walks)):  # noqa: B007 - the first that takes it as ordinary
+        filters, highest = _Filters(replace(program, walk=walks[choice])), 0.0
+        for full in blocks:
+            filters.absorb(full / np.sqrt(scales[choice]), 0)
+            highest = max(highest, filters.level)
+        if highest < np.log(ODDS * len(blocks)):
+            break
+    return replace(program, noise=replace(noise, covariance=noise.covariance * scales[choice]), walk=walks[choice])
 
 
 def _of_blocks(program: MonitorProgram, blocks: Sequence[Array]) -> tuple[float, float]:

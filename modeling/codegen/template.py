@@ -94,9 +94,13 @@ class CodeText:
 
 
 class TemplateTarget(CodeTarget):
-    """A language that is written by two templates, of the regressor and of a model, named by its suffix."""
+    """A language that is written by two templates, of the regressor and of a model, named by its suffix.
+
+    monitor  of the model that is written; None for none, and in languages that have no template of it
+    """
 
     style: ClassVar[CodeStyle]
+    monitor: MonitorProgram | None = None
 
     @staticmethod
     @abstractmethod
@@ -114,10 +118,7 @@ class TemplateTarget(CodeTarget):
         )
 
     def model(self, fitted: FittedModel, source: str) -> str:
-        """A file with the functions of a fitted model."""
-        return self._model(fitted, source, None)
-
-    def _model(self, fitted: FittedModel, source: str, monitor: MonitorProgram | None) -> str:
+        """A file with the functions of a fitted model, and of its monitor."""
         kinds = {"inputs": fitted.inputs, "channels": fitted.model.channels, "components": fitted.components}
         parameters = [
             {
@@ -140,7 +141,7 @@ class TemplateTarget(CodeTarget):
             "derivative_name": fitted.derivative_name,
             "derivative_about": partial(derivative_documentation, fitted),
             "fitted": fitted,
-            "monitor": monitor,
+            "monitor": self.monitor,
             "comment": comment_text,
         }
         return self._rendered("model", values)
@@ -165,7 +166,7 @@ def _environment() -> Environment:
 
 
 class CTarget(TemplateTarget):
-    """C99 without allocation. Functions that math.h lacks are written out."""
+    """C99 without allocation, with a monitor of the model if one is given. Functions that math.h lacks are written out."""
 
     name = "c"
     suffix = ".c"
@@ -182,9 +183,9 @@ class CTarget(TemplateTarget):
         infinity="HUGE_VAL",
     )
 
-    def monitored(self, monitor: MonitorProgram, source: str) -> str:
-        """A file with the functions of a fitted model and of its monitor."""
-        return self._model(monitor.fitted, source, monitor)
+    def __init__(self, monitor: MonitorProgram | None = None) -> None:
+        """The target, with a monitor of the model that is to be written."""
+        self.monitor = monitor
 
     @staticmethod
     def input_names(base: RigidToolRegressor) -> dict[sp.Symbol, str]:
