@@ -3,26 +3,26 @@
 The filters are square-root information (R z) of the parameters' deviations from the fit (Bierman, Factorization Methods
 for Discrete Sequential Estimation, 1977). Readings are compared in blocks. Filter 0 says that nothing changed: the
 biases walk as stated, what the fit knows of the other parameters returns slowly. Filter j says that the parameters of
-group j (bias, mass, centre of mass, an effect of the model) may have changed lately: it forgets them faster. The ratio
-of the two predictive densities of a block, e_j, has an expectation of at most 1 as long as nothing changed, whatever was
-seen before. Each group's evidence M_j = max(M_j, 1) min(e_j, c) is then an e-detector: the expectation of the mean M of
-all groups at any stopping time is at most that of the number of blocks, so that M reaches A after A blocks in
-expectation at the earliest (Shin, Ramdas and Rinaldo, E-detectors: a nonparametric framework for sequential change
-detection, New England Journal of Statistics in Data Science 2, 2024).
+group j (bias, mass, centre of mass, an effect of the model) may have changed lately: it forgets them faster. Where
+filter 0 has the density of the readings, the ratio e_j of the two densities of a block has the expectation 1, whatever
+was seen before. The evidence of a group, M_j = max(M_j, 1) min(e_j, c), is then an e-detector: the expectation of its
+mean M over the groups is, at any stopping time, at most that of the number of blocks, so that M reaches A after A
+blocks in expectation at the earliest (Shin, Ramdas and Rinaldo, E-detectors: a nonparametric framework for sequential
+change detection, New England Journal of Statistics in Data Science 2, 2024).
 """
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from estimation.autoregression import AUTOREGRESSION_ORDERS, fit_autoregression
+from estimation.autoregression import fit_autoregression
 from estimation.case import prepared
 from estimation.contact.contact_wrench import CalibratedModel, compensate
 from estimation.fit import Fit, require_recording
@@ -57,8 +57,8 @@ MEMORY = 300
 """Blocks after which what was learned of the tool gives way to what the fit knew, where nothing changed: several
 minutes, so that the model's own systematic error, which differs from motion to motion, is followed and not a change."""
 SHORT_MEMORY = 30
-"""Blocks after which a group that may have changed is forgotten. k parameters cost k / (2 * 30) of log evidence a block:
-a change is found that adds more than that, an eighth of a std of a block's mean a parameter."""
+"""Blocks after which a group that may have changed is forgotten. k parameters cost k / (2 * 30) of log evidence a
+block: a change is found that adds more, which is a fifth of the std of a block's mean a parameter."""
 UNKNOWN = 1e3
 """Prior std, in units, of a bias and of what changed: no bound, and small enough for the arithmetic."""
 REFUTED = 1e-4
@@ -129,8 +129,7 @@ class Monitor:
         Ordinary work with this tool, of which the noise is taken; by default the first recording of a fit. A model file
         needs one.
     longest_contact : float, optional
-        Longest contact in s, by default 10. A contact is a departure of any size that is over after that time, and no
-        change; a change is one that lasts longer. A tenth of it is a block.
+        Longest contact in s, by default 10; a tenth of it is a block.
     drift : mapping, optional
         Std by which the zero of a channel walks in an hour, in its unit, by name; by default the noise of a sample.
     alarms_per_day : float, optional
@@ -139,17 +138,23 @@ class Monitor:
     Raises
     ------
     InputError
-        For a tool that deflects, which has no derivative, and a recording that is too short or of poses at rest.
+        For a tool that deflects, which has no derivative, a recording that is too short, of poses at rest or without
+        a signal of the model, and settings that are not positive.
 
     Notes
     -----
-    The noise is the autoregression of the recording's residual, with the model's systematic error in it; where the means
-    of its blocks vary more than that predicts, its variance is raised to what they show. A contact that is over after
-    `longest_contact` s raises the log evidence by 10 at the most, which the threshold log(blocks in a day /
-    `alarms_per_day`) + 10 has on top, so that it states no change by itself; afterwards the readings take away what it
-    had added, if the tool is free for as long. So a change is stated `longest_contact` s after it at the earliest, and
-    after twice that where it is clear. A step of the bias that is small against the noise of a block is followed as
-    drift. What changes has to persist: a monitor that starts in contact takes it for the bias.
+    The noise is the autoregression of the recording's residual, with the model's systematic error in it. Where the
+    means of its blocks vary more than that predicts, its variance and the walk of the zero are raised to what they
+    show.
+
+    A contact is a departure of any size that is over after `longest_contact` s; a change is one that lasts. The log
+    evidence grows by 1 a block at most, by 10 in the longest contact, and a change is stated at log(blocks in a day /
+    `alarms_per_day`) + 10: so no contact states one by itself, and the readings after it take away what it had added,
+    if the tool is free for as long. A change is stated `longest_contact` s after it at the earliest, after a little
+    more than twice that where it is clear.
+
+    A step of the bias that is small against the noise of a block is followed as drift. Derivatives of a model with
+    memory are those of its load, later by the sensor's delay. A monitor that starts in a contact takes it for the bias.
 
     Examples
     --------
@@ -193,7 +198,7 @@ class Monitor:
         self.dt = recording.dt
         program = _program(self.calibration, self.dt, longest_contact, drift, alarms_per_day)
         self.program = _in_noise(program, self.calibration, recording)
-        self._start()
+        self.restart()
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -201,13 +206,11 @@ class Monitor:
         return self.program.fitted.inputs
 
     def restart(self) -> None:
-        """Forget everything since the fit, as after a change that is meant: `Change` states none of it again."""
-        self._start()
-
-    def _start(self) -> None:
+        """Forget all samples: the next is the first, with a zero of its own. A changed tool needs a new fit."""
         self._model, self._filters = _RunningModel(self.program.fitted), _Filters(self.program)
         self._rows = _Rows(self.program)
-        self.samples, self._change = 0, None
+        self.samples = 0
+        self._change: Change | None = None
 
     # ---------------------------------------------------------------------------------------- samples
 
@@ -315,7 +318,7 @@ class Monitor:
         return Change(
             start=max(0, int(filters.began[best]) - program.block) * self.dt,
             end=int(filters.until[best]) * self.dt,
-            stated=self.time,
+            stated=filters.samples * self.dt,
             group=program.groups[best] if explains else "",
             others=tuple(name for name in near if name != program.groups[best] or not explains),
             by={p.name: Estimate(p.name, change, std, p.unit) for p, change, std in chosen if explains},
@@ -454,11 +457,11 @@ class _Filters:
         return float(np.logaddexp.reduce(self.evidence) - np.log(len(self.evidence)))
 
     def changed(self, group: int) -> tuple[Array, Array, float]:
-        """Deviations (k,) from the fit by the clear blocks of a group, their covariance, and the share that it explains.
+        """Deviations (k,) from the fit by the clear blocks of a group, their covariance, and the share it explains.
 
         A bias deviates from its value when the excursion began. The covariance has that of the fit, or of this value,
-        in it. The share is of the chi-square of a step of the bias, above its expectation, summed over these blocks; all
-        of it where no more than as much as noise is left.
+        in it. The share is of the chi-square of a step of the bias, above its expectation, summed over these blocks;
+        all of it where no more than as much as noise is left.
         """
         program, size = self.program, len(self.program.walk)
         blocks, (zero, spread) = list(self.recent)[-max(1, int(self.clear[group])) :], self.reference[group]
@@ -538,7 +541,7 @@ class _Filters:
         return np.asarray(rows[:, [*self.program.orders[group + 1], -1]])
 
     def _unknowing(self, group: int, state: Array, biases: int = 0) -> Array:
-        """A state of filter 0 in the order of a group's filter, to which the group, and so many biases, may be anything."""
+        """A state of filter 0 in the order of a group's filter; the group, and so many biases, may be anything."""
         ordered = _square(self._ordered(group, state))
         ordered[: len(self.program.members[group]) + biases] /= UNKNOWN
         return ordered
@@ -568,7 +571,9 @@ def _groups(fitted: FittedModel, model: WrenchModel) -> list[tuple[str, list[int
         TOOL[0]: tool,
         TOOL[1]: [name for name in tool if name != "m"],
         **{
-            e.id: [p.name for p in e.qualified(model.space) if not p.nuisance] for e in model.effects if e.id != "com_offset"
+            e.id: [p.name for p in e.qualified(model.space) if not p.nuisance]
+            for e in model.effects
+            if e.id != "com_offset"
         },
     }
     return [(group, [names.index(n) for n in of if n in names]) for group, of in groups.items() if set(of) & set(names)]
@@ -633,8 +638,8 @@ def _drift(calibration: CalibratedModel, drift: Mapping[str, float] | None) -> A
 def _prior(fitted: FittedModel, calibration: CalibratedModel) -> tuple[Array, Array]:
     """Units (k,) of the parameters, and their covariance (k, k) before the first sample, in units.
 
-    The unit is the std of the fit, of a bias the noise of a sample, of what the fit does not know its value, at least 1;
-    of what is fixed, or a sample does not show, 0. The zero is that of another session.
+    The unit is the std of the fit, of a bias the noise of a sample, of what the fit does not know its value, at least
+    1; of what is fixed, or a sample does not show, 0. The zero is that of another session.
     """
     place = {p.name: i for i, p in enumerate(calibration.model.parameters)}
     index = [place[p.name] for p in fitted.parameters]
@@ -696,7 +701,7 @@ def _in_noise(program: MonitorProgram, calibration: CalibratedModel, recording: 
         raise _error(f"{recording.name} is too short for the noise of blocks of {seconds:.3g} s", remedy)
     walks = [program.walk * factor for factor in WALKS]
     scales, likelihoods = zip(*(_of_blocks(replace(program, walk=walk), blocks) for walk in walks), strict=True)
-    for choice in range(int(np.argmax(likelihoods)), len(walks)):  # noqa: B007 - the first that takes it as ordinary
+    for choice in range(int(np.argmax(likelihoods)), len(walks)):  # the first to take it as ordinary
         filters, highest = _Filters(replace(program, walk=walks[choice])), 0.0
         for full in blocks:
             filters.absorb(full / np.sqrt(scales[choice]), 0)

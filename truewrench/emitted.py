@@ -208,7 +208,9 @@ def _watched(monitor: Monitor, fitted: FittedModel) -> FittedModel:
     """The model that a monitor watches; InputError where it is another one, or at another rate."""
     watched = monitor.program.fitted
     if fitted.model != watched.model or not np.array_equal(fitted.theta, watched.theta):
-        raise InputError(what="it watches another model", where="monitor", remedy="make it of the model that is emitted")
+        raise InputError(
+            what="it watches another model", where="monitor", remedy="make it of the model that is emitted"
+        )
     if fitted.dt is not None and abs(monitor.dt / fitted.dt - 1) > RATE_TOLERANCE:
         what = f"its noise is that of {1 / monitor.dt:.6g} samples a second, and the code is for {1 / fitted.dt:.6g}"
         raise InputError(what=what, where="monitor", remedy="give a recording of that rate, or leave --rate out")

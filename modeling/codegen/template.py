@@ -166,7 +166,7 @@ def _environment() -> Environment:
 
 
 class CTarget(TemplateTarget):
-    """C99 without allocation, with a monitor of the model if one is given. Functions that math.h lacks are written out."""
+    """C99 without allocation, with a monitor of the model if it is given. What math.h lacks is written out."""
 
     name = "c"
     suffix = ".c"
