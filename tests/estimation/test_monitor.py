@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from estimation.fit import Fit, fit
 from estimation.monitor import UNKNOWN, Monitor, _Filters
+from estimation.recordings.reading import read
 from estimation.recordings.recording import Recording
 from modeling.codegen.template import CTarget
 from modeling.effects import named
@@ -23,7 +24,9 @@ from modeling.space import Space
 from tests.shared.emitted import FLAGS
 from tests.shared.recordings import Silence, base, recording_of
 from tests.shared.rigs import SIMULATED, described
-from truewrench.files.model_file import ModelFile
+from truewrench.command_line import main
+from truewrench.emitted import emit
+from truewrench.files.model_file import ModelFile, load, save
 from truewrench.simulated_rig import (
     NOISE_MODELS,
     CableSpring,
@@ -82,7 +85,7 @@ def fitted(space: Space, effect: str = "viscous_drag", noise: str = "white") -> 
     model = base(space) + named("cable_spring" if effect == "cable_spring" else "viscous_drag")
     if effect == "sensor_lag":
         model = model + named(effect)
-    return fit(model, noisy(quiet(space, hidden, 1, 8), 1, noise))
+    return fit(model, noisy(quiet(space, hidden, 1, 6), 1, noise))
 
 
 @cache
@@ -298,6 +301,10 @@ def test_bad_input_is_one_sentence() -> None:
         (lambda: monitor.update({"phi": 0.0}, [0, 0, 0]), "without ax"),
         (lambda: monitor.update([0.0], [0, 0, 0]), "1 signals"),
         (lambda: monitor.watch(known), "Fit"),  # type: ignore[arg-type]
+        (lambda: emit(fitted(Space.PLANE, noise="autoregressive"), "c", monitor=monitor), "another model"),
+        (lambda: emit(known, "c", rate=1000.0, monitor=monitor), "50 samples a second"),
+        (lambda: emit(known, "numpy", monitor=monitor), "not written as numpy"),
+        (lambda: emit("planar", "c", monitor=monitor), "base model"),
     ):
         with pytest.raises(InputError, match=said):
             attempt()
@@ -383,6 +390,20 @@ def test_c_does_the_same_and_its_sanitizers_say_nothing(case: str, tmp_path: Pat
         np.testing.assert_allclose(std, spread, rtol=1e-12)
         assert (np.abs(value - by_python) <= 1e-12 * (np.abs(by_python) + spread)).all()
     assert tuple(rest[-3:]) == (monitor.change.start, monitor.change.end, monitor.change.stated)
+
+
+def test_the_command_writes_what_python_does(tmp_path: Path) -> None:
+    run = noisy(quiet(Space.PLANE, DRAG, 1, 6), 1)
+    names = [str(tmp_path / name) for name in ("work.csv", "model.json", "code.c")]
+    run.to_frame().to_csv(names[0], index=False)
+    save(fitted(Space.PLANE), names[1])
+    assert main(["emit", names[1], "--to", "c", "--monitor", names[0], "--out", names[2]]) == 0
+    by_python = emit(
+        load(names[1]), "c", monitor=Monitor(load(names[1]), read(names[0], rig=described(SIMULATED[Space.PLANE])))
+    )
+    assert Path(names[2]).read_text() == by_python
+    assert main(["emit", names[1], "--to", "urdf", "--monitor", names[0]]) == 2
+    assert main(["emit", names[1], "--to", "c", "--monitor", names[1]]) == 2
 
 
 def test_c_with_a_monitor_allocates_nothing_and_keeps_nothing() -> None:
