@@ -72,9 +72,9 @@ ODDS = 20.0
 LEAST_SHARE = 0.8
 """Share of a departure that a group has to explain to be named, and to be given an amount: what is left of it has then
 less than half of its size."""
-SLOW = 0.25
-"""Log evidence a block up to which an excursion may as well be the fit's own error, on which a change follows: a
-quarter of what counts at most. The end of the interval of a change is told without it."""
+LEAST_FALL = 1.0
+"""Fall of a group's log likelihood that says that a change is later: filter 0 is remembered as it was then, before it
+may have learned some of the change."""
 FIRST_BLOCKS = 2
 """Blocks in which a filter learns its zero; they say nothing of the noise."""
 FEWEST_BLOCKS = 4
@@ -310,14 +310,14 @@ class Monitor:
     def _stated(self) -> Change:
         program, filters, odds = self.program, self._filters, self._filters.odds
         best = int(np.argmax(odds))
-        changes, covariance, share = filters.changed(best)
+        changes, covariance, share, (start, end) = filters.changed(best)
         explains = share >= LEAST_SHARE and (program.groups[best] not in TOOL or self._is_a_body(changes, covariance))
         near = [name for name, value in zip(program.groups, odds, strict=True) if value > odds[best] - program.doubt]
         spread = np.sqrt(np.diag(covariance))
         chosen = [(program.fitted.parameters[i], float(changes[i]), float(spread[i])) for i in program.members[best]]
         return Change(
-            start=max(0, int(filters.began[best]) - program.block) * self.dt,
-            end=int(filters.until[best]) * self.dt,
+            start=start * self.dt,
+            end=end * self.dt,
             stated=filters.samples * self.dt,
             group=program.groups[best] if explains else "",
             others=tuple(name for name in near if name != program.groups[best] or not explains),
@@ -422,6 +422,12 @@ def _triangle(rows: Array) -> Array:
     return np.asarray(np.linalg.qr(np.pad(rows, ((0, short), (0, 0))) if short > 0 else rows, mode="r"))
 
 
+def _step(block: Array, deviation: Array, size: int) -> float:
+    """Chi-square of a step of the `size` biases in the R factor of a block, given the deviations (k,)."""
+    basis = np.linalg.qr(block[:, :size])[0]
+    return float(np.sum((basis.T @ (block[:, -1] - block[:, :-1] @ deviation)) ** 2))
+
+
 def _square(rows: Array) -> Array:
     """The R factor of rows (n, k + 1) without its last row, the residual: (k, k + 1)."""
     return _triangle(rows)[:-1]
@@ -433,9 +439,9 @@ def _square(rows: Array) -> Array:
 class _Filters:
     """The filters, (J + 1, k, k + 1), and what the blocks so far say of each group.
 
-    evidence  (J,) logarithms that count, capped; `odds` those that are not, since the excursion that began at the
-              sample `began` (J,), when the bias was the `reference`
-    steep     (J,) the same, less `slow` a block: up to the sample `until` (J,) it was in doubt
+    evidence  (J,) logarithms that count, capped; `odds` those that are not
+    began     (J,) the sample since which the log likelihood of a group has not fallen by more than `least_fall`; `fall`
+              (J,) is how much, and `reference` filter 0 as it was then
     clear     (J,) the last blocks in which the evidence was above half of the threshold; `recent` has them
     bias      deviation of the zero of the channels from the fit, with std (p,); `first` is that after the first blocks
     """
@@ -444,43 +450,47 @@ class _Filters:
         size, count = len(program.units), len(program.groups)
         self.program, self.blocks, self.samples = program, 0, 0
         self.states = np.concatenate([program.priors, np.zeros((count + 1, size, 1))], axis=2)
-        self.evidence, self.odds, self.steep = np.zeros(count), np.zeros(count), np.zeros(count)
-        self.began, self.until = np.zeros(count, dtype=np.intp), np.zeros(count, dtype=np.intp)
-        self.statistic, self.log, self.recent = 0.0, 0.0, deque[Array](maxlen=SHORT_MEMORY)
+        self.evidence, self.odds = np.zeros(count), np.zeros(count)
+        self.began = np.zeros(count, dtype=np.intp)
+        self.statistic, self.log, self.recent = 0.0, 0.0, deque[tuple[int, Array]](maxlen=MEMORY)
         self.clear = np.zeros(count, dtype=np.intp)
         self.bias = self.first = np.zeros(len(program.walk)), UNKNOWN * program.units[: len(program.walk)]
-        self.reference = [self.bias] * count
+        self.fall, self.reference = np.zeros(count), [self.states[0]] * count
 
     @property
     def level(self) -> float:
         """Log of the mean evidence over the groups."""
         return float(np.logaddexp.reduce(self.evidence) - np.log(len(self.evidence)))
 
-    def changed(self, group: int) -> tuple[Array, Array, float]:
-        """Deviations (k,) from the fit by the clear blocks of a group, their covariance, and the share it explains.
+    def changed(self, group: int) -> tuple[Array, Array, float, tuple[int, int]]:
+        """Deviations (k,) from the fit by the clear blocks of a group, their covariance, the share explained, and when.
 
-        A bias deviates from its value when the excursion began. The covariance has that of the fit, or of this value,
-        in it. The share is of the chi-square of a step of the bias, above its expectation, summed over these blocks;
-        all of it where no more than as much as noise is left.
+        Filter 0 is taken as it was before the excursion, and a bias deviates from its value then; the covariance has
+        that of the fit, or of this value, in it. The share is of the chi-square of a step of the bias, above its
+        expectation, summed over these blocks; all of it where no more than as much as noise is left. The change is
+        between two samples: at the beginnings of blocks with odds of up to 20 against the likeliest, or a block off.
         """
-        program, size = self.program, len(self.program.walk)
-        blocks, (zero, spread) = list(self.recent)[-max(1, int(self.clear[group])) :], self.reference[group]
+        program, size, reference = self.program, len(self.program.walk), self.reference[group]
+        began = min(int(self.began[group]), self.samples - 1)
+        ends, blocks = zip(*((end, block) for end, block in self.recent if end > began), strict=True)
+        clear = blocks[-max(1, int(self.clear[group])) :]
         biases = 0 if program.members[group][0] == 0 else size  # those that filter 0 learned may have given way
-        rows = [self._unknowing(group, self.states[0], biases), *(self._ordered(group, block) for block in blocks)]
+        rows = [self._unknowing(group, reference, biases), *(self._ordered(group, block) for block in clear)]
         value, covariance = self._solved(group + 1, _square(np.vstack(rows)))
-        excess = []
-        for deviation in (self._solved(0, self.states[0])[0], value):
-            residuals = ((block[:, :size], block[:, -1] - block[:, :-1] @ deviation) for block in blocks)
-            excess.append(sum(float(np.sum((np.linalg.qr(a)[0].T @ b) ** 2)) - size for a, b in residuals))
+        before, spread = self._solved(0, reference)
+        left, departed = (sum(_step(block, x, size) - size for block in clear) for x in (value, before))
+        share = 1.0 if left <= len(clear) * size else 1.0 - left / max(departed, left)
+        squares = [[float(np.sum((b[:, -1] - b[:, :-1] @ x) ** 2)) for b in blocks] for x in (value, before)]
+        since = (
+            np.cumsum((np.array(squares[1]) - squares[0])[::-1])[::-1] / 2
+        )  # log likelihood of a change from each on
+        possible = [ends[i] for i in np.flatnonzero(since >= since.max() - program.doubt)]
         inverse = np.linalg.inv(program.priors[0])
-        before = inverse @ inverse.T
-        before[:size], before[:, :size] = 0.0, 0.0
-        before[np.arange(size), np.arange(size)] = (spread / program.units[:size]) ** 2
-        changes = value * program.units
-        changes[:size] -= zero
-        covariance = (covariance + before) * np.outer(program.units, program.units)
-        no_more_than_noise = excess[1] <= len(blocks) * size
-        return changes, covariance, 1.0 if no_more_than_noise else 1.0 - excess[1] / max(excess[0], excess[1])
+        of_fit = inverse @ inverse.T
+        of_fit[:size], of_fit[:, :size], of_fit[:size, :size] = 0.0, 0.0, spread[:size, :size]
+        value[:size] -= before[:size]
+        changes, covariance = value * program.units, (covariance + of_fit) * np.outer(program.units, program.units)
+        return changes, covariance, share, (max(0, possible[0] - 2 * program.block), possible[-1])
 
     def _solved(self, number: int, state: Array) -> tuple[Array, Array]:
         """Deviations (k,) by a state of a filter, and their covariance (k, k), in units."""
@@ -511,30 +521,33 @@ class _Filters:
             after[group + 1] = _square(np.vstack([self._unknowing(group, before[0]), self._ordered(group, block)]))
         held = departs or self.evidence.max(initial=0.0) > program.cap * program.contact_blocks
         self.states = np.stack([before[0] if held else after[0], *after[1:]])
-        self.recent.append(block)
-        self.blocks, first, self.samples = self.blocks + 1, self.samples, samples
-        earlier, (value, std) = self.bias, self.estimate(0)
+        self.recent.append((samples, block))
+        self.blocks, self.samples = self.blocks + 1, samples
+        value, std = self.estimate(0)
         self.bias = value[:size], std[:size]
         if self.blocks <= FIRST_BLOCKS:
             self.first = self.bias
         for group, gain in enumerate((logs[1:] - logs[0]).tolist()):
-            if self.odds[group] <= 0.0:
-                self.began[group], self.reference[group] = first, earlier
-            self._count(group, gain, samples)
+            self._count(group, gain)
             self.clear[group] = self.clear[group] + 1 if self.evidence[group] > 0.5 * program.threshold else 0
 
-    def _count(self, group: int, gain: float, samples: int) -> None:
-        """The log likelihood ratio of a block, which ended at a sample, for a group."""
+    def _count(self, group: int, gain: float) -> None:
+        """Count the log likelihood ratio of a block for a group."""
         program = self.program
         if gain < program.refuted:
             self.states[group + 1] = _square(self._ordered(group, self.states[0]))
-            self.evidence[group] = self.odds[group] = self.steep[group] = 0.0
+            self.evidence[group] = self.odds[group] = 0.0
+            self._begin(group)
             return
-        if self.steep[group] <= program.doubt:
-            self.until[group] = samples
         self.evidence[group] = max(self.evidence[group], 0.0) + min(gain, program.cap)
         self.odds[group] = max(self.odds[group], 0.0) + gain
-        self.steep[group] = max(self.steep[group], 0.0) + gain - program.slow
+        self.fall[group] -= gain
+        if self.fall[group] > program.least_fall:
+            self._begin(group)
+
+    def _begin(self, group: int) -> None:
+        """Nothing of a group's excursion is before this block's end."""
+        self.began[group], self.fall[group], self.reference[group] = self.samples, 0.0, self.states[0].copy()
 
     def _ordered(self, group: int, rows: Array) -> Array:
         """Rows (n, k + 1) with the parameters in the order of a group's filter."""
@@ -619,7 +632,7 @@ def _program(
         cap=CAP,
         refuted=float(np.log(REFUTED)),
         doubt=float(np.log(ODDS)),
-        slow=SLOW,
+        least_fall=LEAST_FALL,
         threshold=float(np.log(max(1.0, SECONDS_PER_DAY / seconds / alarms))) + CAP * BLOCKS_PER_CONTACT,
         contact_blocks=BLOCKS_PER_CONTACT,
         first_blocks=FIRST_BLOCKS,

@@ -210,7 +210,8 @@ class MonitorProgram:
     unknown    std, in units, of a parameter of which nothing is known
     cap        largest growth of the log evidence in a block
     refuted    log evidence of a block below which a filter starts anew from filter 0
-    doubt      log evidence up to which the time of a change is not told from the next, less `slow` for every block
+    doubt      log likelihood ratio up to which times and groups are not told apart
+    least_fall  of the log likelihood of a group, after which its change is later
     threshold  log evidence at which a change is stated: the log of the blocks in which one false alarm is expected at
                most, and `contact_blocks` caps
     first_blocks  in which a filter learns the zero
@@ -233,7 +234,7 @@ class MonitorProgram:
     cap: float
     refuted: float
     doubt: float
-    slow: float
+    least_fall: float
     threshold: float
     contact_blocks: int
     first_blocks: int

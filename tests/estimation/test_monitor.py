@@ -204,7 +204,8 @@ motion, and by how much the parameters change."""
 def test_a_change_is_found_named_and_sized(group: str) -> None:
     """No earlier than the longest contact after it, no later than four times that; the interval holds its time.
 
-    The tether is taut in half of each period. The estimates deviate by 4.5 std at most, and the sizes by 10 %.
+    The tether is taut in half of each period. The estimates deviate by 4.5 std at most, and the sizes by 10 %, or what
+    is nothing by 0.1 N.
     """
     effect, hidden, motion, amounts = CHANGES[group]
     known = TETHER if effect == "cable_spring" else DRAG
@@ -223,7 +224,7 @@ def test_a_change_is_found_named_and_sized(group: str) -> None:
     for name, amount in amounts.items():
         found = change.by[name]
         assert abs(found.value - amount) <= DEVIATIONS * found.std
-        assert abs(found.value - amount) <= 0.1 * abs(amount) + (0.05 if amount == 0 else 0.0)
+        assert abs(found.value - amount) <= 0.1 * abs(amount) + (0.1 if amount == 0 else 0.0)
     assert str(monitor).startswith("changed between")
     assert f"looks like {group}, " in str(monitor)
 
@@ -336,7 +337,7 @@ int main(void)
         fwrite(value, sizeof value, 1, stdout);
         fwrite(std, sizeof std, 1, stdout);
     }
-    fwrite(&monitor.start, sizeof(double), 3, stdout);
+    fwrite(&monitor.start, sizeof(double), 2, stdout);
     return 0;
 }
 """
@@ -385,11 +386,12 @@ def test_c_does_the_same_and_its_sanitizers_say_nothing(case: str, tmp_path: Pat
     assert monitor.change is not None
     assert monitor.change.group == "bias"
     rest = numbers[samples.size :]
-    for number, (value, std) in enumerate(rest[:-3].reshape(-1, 2, len(monitor.program.units))):
+    for number, (value, std) in enumerate(rest[:-2].reshape(-1, 2, len(monitor.program.units))):
         by_python, spread = monitor._filters.estimate(number)
         np.testing.assert_allclose(std, spread, rtol=1e-12)
         assert (np.abs(value - by_python) <= 1e-12 * (np.abs(by_python) + spread)).all()
-    assert tuple(rest[-3:]) == (monitor.change.start, monitor.change.end, monitor.change.stated)
+    assert rest[-2] <= monitor.change.end
+    assert rest[-1] == monitor.change.stated
 
 
 def test_the_command_writes_what_python_does(tmp_path: Path) -> None:
