@@ -194,6 +194,8 @@ class Monitor:
         for name, value in (("longest_contact", longest_contact), ("alarms_per_day", alarms_per_day)):
             if not 0 < value < np.inf:
                 raise _error(f"{name} = {value:g}", "give a positive number")
+        if not (calibration.floor > 0).all():
+            raise _error("the fit is of readings without noise", "fit readings of a sensor")
         self.calibration = calibration.without_recording_specific
         self.dt = recording.dt
         program = _program(self.calibration, self.dt, longest_contact, drift, alarms_per_day)

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from estimation.contact.contact_wrench import CalibratedModel
 from estimation.fit import Fit, fit
 from estimation.monitor import UNKNOWN, Monitor, _Filters
 from estimation.recordings.reading import read
@@ -296,6 +297,7 @@ def test_bad_input_is_one_sentence() -> None:
         (lambda: Monitor(ModelFile.of(known)), "give a recording of ordinary work"),
         (lambda: Monitor(known, noisy(short, 1)), "too short for the noise"),
         (lambda: Monitor(known, longest_contact=0.0), "positive"),
+        (lambda: Monitor(replace(CalibratedModel.of(known), floor=np.zeros(3)), short), "without noise"),
         (lambda: Monitor(known, drift={"fz": 1.0}), "no drift of fz"),
         (lambda: Monitor(known, quiet(Space.SPACE, DRAG, 1, 2)), "channels"),
         (lambda: Monitor("model.json"), "no fitted model"),
