@@ -36,6 +36,7 @@ _NAMES: dict[str, tuple[str, ...]] = {
     "estimation.least_squares.bounds": ("Bounds",),
     "estimation.least_squares.constraints": ("Constraints",),
     "estimation.least_squares.prior": ("Prior",),
+    "estimation.monitor": ("Monitor",),
     "estimation.pose_advice": ("PoseAdvice",),
     "estimation.reading.log_reading": ("from_arrays", "from_dataframe", "read"),
     "estimation.recordings.recording": ("Recording",),
@@ -107,6 +108,7 @@ if TYPE_CHECKING:
     from estimation.least_squares.bounds import Bounds as Bounds
     from estimation.least_squares.constraints import Constraints as Constraints
     from estimation.least_squares.prior import Prior as Prior
+    from estimation.monitor import Monitor as Monitor
     from estimation.pose_advice import PoseAdvice as PoseAdvice
     from estimation.reading.log_reading import from_arrays as from_arrays
     from estimation.reading.log_reading import from_dataframe as from_dataframe

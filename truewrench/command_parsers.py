@@ -349,6 +349,8 @@ def emit(commands: Subcommands[Any]) -> argparse.ArgumentParser:
     text = "pose of the sensor's own axes in the robot's frame, as the flange: m, and rad about fixed axes, as in URDF"
     pose = ("X", "Y", "Z", "ROLL", "PITCH", "YAW")
     command.add_argument("--sensor-pose", type=finite, nargs=6, metavar=pose, help=text)
+    text = "C with a monitor: bias, tool and changes on line; its noise and rate are those of REC, ordinary work"
+    command.add_argument("--monitor", metavar="REC", help=text)
     command.add_argument("--out", type=Path, metavar="FILE", help="file to write (default: standard output)")
     return command
 

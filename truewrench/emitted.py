@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from estimation.monitor import RATE_TOLERANCE, Monitor
 from modeling.chain.model import WrenchModel
 from modeling.chain.sensor_axes import Axes, is_turned, sensor_to_pose, turn_words
 from modeling.codegen.code_target import code_target, target_names
@@ -18,6 +19,7 @@ from modeling.codegen.fitted_model import FittedModel
 from modeling.codegen.generated_code import GeneratedCode
 from modeling.codegen.payload_format import FORMATS, payload_format
 from modeling.codegen.rigid_tool_regressor import RigidToolRegressor
+from modeling.codegen.template import CTarget
 from modeling.codegen.tool_inertia import ToolInertia
 from modeling.errors import InputError, suggestion
 from modeling.number_format import as_sentence
@@ -59,6 +61,7 @@ def emit(
     *,
     rate: float | None = None,
     sensor_pose: Sequence[float] | None = None,
+    monitor: Monitor | None = None,
 ) -> str:
     """Write a model as code, or its tool as robot descriptions and controllers take it.
 
@@ -75,6 +78,8 @@ def emit(
         Pose of the sensor frame in the frame of the robot's description or controller (a flange): x, y, z in m, roll,
         pitch, yaw in rad about the fixed axes x, y, z; by default the tool is written in the sensor frame, and of a
         sensor that is turned against the logged pose along the axes of that pose.
+    monitor : Monitor, optional
+        A monitor of this model, which the code in C then has beside it.
 
     Returns
     -------
@@ -86,7 +91,7 @@ def emit(
     ------
     InputError
         For an unknown name in `to`, a tool that no distribution of mass has or that is not identifiable, a planar tool
-        in a format of space, and as from the code targets.
+        in a format of space, a monitor of another model or in another language, and as from the code targets.
 
     Examples
     --------
@@ -95,7 +100,7 @@ def emit(
     >>> "def regressor(ax, ay, phi, dphi, ddphi)" in code
     True
     """
-    return emitted(model, to, rate=rate, sensor_pose=sensor_pose).text
+    return emitted(model, to, rate=rate, sensor_pose=sensor_pose, monitor=monitor).text
 
 
 def emitted(
@@ -104,8 +109,11 @@ def emitted(
     *,
     rate: float | None = None,
     sensor_pose: Sequence[float] | None = None,
+    monitor: Monitor | None = None,
 ) -> Emitted:
     """`emit`, with the operation counts of code."""
+    if monitor is not None:
+        require_monitored(model, to)
     if to in FORMATS:
         return _tool(model, to, sensor_pose)
     if to not in target_names():
@@ -114,7 +122,14 @@ def emitted(
     if sensor_pose is not None:
         remedy = f"leave it out, or emit the tool: {', '.join(FORMATS)}"
         raise InputError(what="code has no frame but the sensor's", where="sensor pose", remedy=remedy)
-    return _code(model, to, rate)
+    return _code(model, to, rate, monitor)
+
+
+def require_monitored(model: Fitted | str | Path, to: str) -> None:
+    """InputError unless a monitor can be written beside the model in that language."""
+    if to != CTarget.name or str(model) in BASES:
+        what = "a base model has no monitor" if to == CTarget.name else f"a monitor is not written as {to[:40]}"
+        raise InputError(what=what, where="monitor", remedy="give a fitted model, and --to c")
 
 
 UNKNOWN = "NOT KNOWN: the readings do not say what it weighs, and the standard deviations are those of noise alone"
@@ -171,7 +186,7 @@ def _convention_sentence(saved: ModelFile) -> str:
     return f"The readings that it was identified from are {MEANINGS[saved.model.convention]}."
 
 
-def _code(model: Fitted | str | Path, to: str, rate: float | None) -> Emitted:
+def _code(model: Fitted | str | Path, to: str, rate: float | None, monitor: Monitor | None) -> Emitted:
     target = code_target(to)
     if str(model) in BASES:
         space = Space.PLANE if str(model) == "planar" else Space.SPACE
@@ -180,11 +195,26 @@ def _code(model: Fitted | str | Path, to: str, rate: float | None) -> Emitted:
     saved = _model_file(model)
     calibration = saved.calibration
     fitted = FittedModel.of(calibration.model, calibration.theta, None if rate is None else 1 / rate)
+    if monitor is not None:
+        fitted, target = _watched(monitor, fitted), CTarget(monitor.program)
     code = GeneratedCode.of_fitted(fitted, target, _source())
     link = _sensor_link(saved)
     said = f"Wrench in the sensor frame{f', link {link}' if link else ''}. {_convention_sentence(saved)}"
     warning = "; ".join(filter(None, (saved.misfit_warning(BIASED), saved.mending_warning)))
     return Emitted(code.text, code.table, said, warning)
+
+
+def _watched(monitor: Monitor, fitted: FittedModel) -> FittedModel:
+    """The model that a monitor watches; InputError where it is another one, or at another rate."""
+    watched = monitor.program.fitted
+    if fitted.model != watched.model or not np.array_equal(fitted.theta, watched.theta):
+        raise InputError(
+            what="it watches another model", where="monitor", remedy="make it of the model that is emitted"
+        )
+    if fitted.dt is not None and abs(monitor.dt / fitted.dt - 1) > RATE_TOLERANCE:
+        what = f"its noise is that of {1 / monitor.dt:.6g} samples a second, and the code is for {1 / fitted.dt:.6g}"
+        raise InputError(what=what, where="monitor", remedy="give a recording of that rate, or leave --rate out")
+    return watched
 
 
 def _model_file(model: Fitted | str | Path) -> ModelFile:

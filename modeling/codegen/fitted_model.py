@@ -16,6 +16,7 @@ from modeling.compiled.straight_line_program import StraightLineProgram, forward
 from modeling.dynamics.discrete_deflection import DiscreteDeflection, deflected
 from modeling.dynamics.sample_program import SampleProgram, SampleProgramBuilder
 from modeling.errors import InputError
+from modeling.noise import NoiseModel
 from modeling.parameter import Parameter
 from modeling.rigid_body import contact_components
 from modeling.space import signals
@@ -185,3 +186,70 @@ def _sampling_interval(model: WrenchModel, dt: float | None) -> float:
         what = f"the model has memory ({dynamic}), and the sampling interval is not known"
         raise InputError(what=what, where="rate", remedy="give --rate HZ, the sampling rate at which the code will run")
     return 0.0 if dt is None else dt
+
+
+# ----------------------------------------------------------------------------------------- its monitor
+
+
+@dataclass(frozen=True, eq=False)
+class MonitorProgram:
+    """The numbers of a monitor of a fitted model: all that its recursion takes beside the model and its derivative.
+
+    The k parameters are those of the derivative, biases first, as deviations from the fit in `units` (k,), 0 for one
+    that is fixed. Filter 0 says that nothing changed; filter j > 0 that the parameters of group j did, which come first
+    in its `orders[j]` (k,). A filter is the square-root information (R z) of the parameters, (k, k + 1).
+
+    noise      of the residual, with its order and root
+    lag        samples by which the derivative is delayed before it is compared with the residual
+    block      samples in a block
+    groups     names of the groups, in the order of the filters from 1 on; `members` are the places of their parameters
+    priors     (J + 1, k, k) what the fit knows, upper triangular; `pull` is the share of it that returns every block
+    factors    (J + 1, k) what every row of R is multiplied by before the next block: the forgetting
+    walk       (p,) std of the walk of the biases from block to block, in units
+    gate       chi-square of a step of the bias above which a block teaches filter 0 nothing
+    unknown    std, in units, of a parameter of which nothing is known
+    cap        largest growth of the log evidence in a block
+    refuted    log evidence of a block below which a filter starts anew from filter 0
+    doubt      log likelihood ratio up to which times and groups are not told apart
+    least_fall  of the log likelihood of a group, after which its change is later
+    threshold  log evidence at which a change is stated: the log of the blocks in which one false alarm is expected at
+               most, and `contact_blocks` caps
+    first_blocks  in which a filter learns the zero
+    """
+
+    fitted: FittedModel
+    units: Array
+    noise: NoiseModel
+    lag: int
+    block: int
+    groups: tuple[str, ...]
+    members: tuple[tuple[int, ...], ...]
+    orders: NDArray[np.intp]
+    priors: Array
+    factors: Array
+    pull: float
+    walk: Array
+    gate: float
+    unknown: float
+    cap: float
+    refuted: float
+    doubt: float
+    least_fall: float
+    threshold: float
+    contact_blocks: int
+    first_blocks: int
+
+    @property
+    def taps(self) -> Array:
+        """From a residual to its innovations, (p, order + 1): 1, and the coefficients with the other sign."""
+        return np.column_stack([np.ones(self.noise.coefficients.shape[1]), -self.noise.coefficients.T])
+
+    @property
+    def places(self) -> NDArray[np.intp]:
+        """Places of the biases in the order of each filter, (J + 1, p)."""
+        return np.argsort(self.orders, axis=1)[:, : len(self.walk)]
+
+    @property
+    def expected_blocks(self) -> float:
+        """Blocks in which one false alarm is expected at most."""
+        return float(np.exp(self.threshold - self.contact_blocks * self.cap))

@@ -22,7 +22,7 @@ from modeling.codegen.expression_text import (
     parameter_comment,
     regressor_documentation,
 )
-from modeling.codegen.fitted_model import FittedModel
+from modeling.codegen.fitted_model import FittedModel, MonitorProgram
 from modeling.codegen.rigid_tool_regressor import RigidToolRegressor
 from modeling.compiled.straight_line_program import StraightLineProgram
 from modeling.dynamics.sample_program import SampleProgram
@@ -94,9 +94,13 @@ class CodeText:
 
 
 class TemplateTarget(CodeTarget):
-    """A language that is written by two templates, of the regressor and of a model, named by its suffix."""
+    """A language that is written by two templates, of the regressor and of a model, named by its suffix.
+
+    monitor  of the model that is written; None for none, and in languages that have no template of it
+    """
 
     style: ClassVar[CodeStyle]
+    monitor: MonitorProgram | None = None
 
     @staticmethod
     @abstractmethod
@@ -114,7 +118,7 @@ class TemplateTarget(CodeTarget):
         )
 
     def model(self, fitted: FittedModel, source: str) -> str:
-        """A file with the functions of a fitted model."""
+        """A file with the functions of a fitted model, and of its monitor."""
         kinds = {"inputs": fitted.inputs, "channels": fitted.model.channels, "components": fitted.components}
         parameters = [
             {
@@ -136,6 +140,9 @@ class TemplateTarget(CodeTarget):
             "derivative": fitted.sensitivity,
             "derivative_name": fitted.derivative_name,
             "derivative_about": partial(derivative_documentation, fitted),
+            "fitted": fitted,
+            "monitor": self.monitor,
+            "comment": comment_text,
         }
         return self._rendered("model", values)
 
@@ -159,7 +166,7 @@ def _environment() -> Environment:
 
 
 class CTarget(TemplateTarget):
-    """C99 without allocation. Functions that math.h lacks are written out."""
+    """C99 without allocation, with a monitor of the model if it is given. What math.h lacks is written out."""
 
     name = "c"
     suffix = ".c"
@@ -175,6 +182,10 @@ class CTarget(TemplateTarget):
         kept="state->kept[{}]",
         infinity="HUGE_VAL",
     )
+
+    def __init__(self, monitor: MonitorProgram | None = None) -> None:
+        """The target, with a monitor of the model that is to be written."""
+        self.monitor = monitor
 
     @staticmethod
     def input_names(base: RigidToolRegressor) -> dict[sp.Symbol, str]:

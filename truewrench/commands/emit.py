@@ -5,13 +5,23 @@ from __future__ import annotations
 import argparse
 import sys
 
-from truewrench.emitted import emitted
+from estimation.monitor import Monitor
+from estimation.reading.log_reading import read_with_rig
+from truewrench.emitted import emitted, require_monitored
+from truewrench.files.model_file import ModelFile
 from truewrench.files.output import atomic_write, say
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Write the text, print frame, convention and operation counts (on standard error if the text is on the other)."""
-    result = emitted(arguments.model, arguments.to, rate=arguments.rate, sensor_pose=arguments.sensor_pose)
+    monitor = None
+    if arguments.monitor is not None:
+        require_monitored(arguments.model, arguments.to)
+        saved = ModelFile.read(arguments.model)
+        monitor = Monitor(saved, read_with_rig(arguments.monitor, rig=saved.rig, every_row=True))
+    result = emitted(
+        arguments.model, arguments.to, rate=arguments.rate, sensor_pose=arguments.sensor_pose, monitor=monitor
+    )
     text = result.text if result.text.endswith("\n") else result.text + "\n"
     if result.warning:
         say(f"warning: {result.warning}")
