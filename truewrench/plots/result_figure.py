@@ -26,6 +26,7 @@ from modeling.table import Table, Tabular
 from truewrench.files.model_file import ModelFile
 from truewrench.plots.chart import Chart
 from truewrench.plots.contact_plot import LabelledContact, contact_chart
+from truewrench.plots.interactive_figure import InteractiveFigure, drawing
 from truewrench.plots.motion_plot import fit_motion_chart, recording_chart, trajectory_motion_chart
 from truewrench.plots.parameters_plot import (
     LabelledParameters,
@@ -61,7 +62,7 @@ def result_figure(
 
     Of matplotlib, else an `InteractiveFigure`, whatever other name `backend` is.
 
-    Raises InputError for a result without a figure, and a kind, channel or axes that it has not.
+    Raises InputError for a result without a figure, a kind, channel or axes that it has not, and without Bokeh.
     """
     if backend == "matplotlib" and ax is None:
         shown = _shown(result)
@@ -71,8 +72,7 @@ def result_figure(
         if ax is not None:
             remedy = 'leave ax out, or backend="matplotlib"'
             raise InputError(what="an interactive figure has no axes of matplotlib", where="plot", remedy=remedy)
-        from truewrench.plots.interactive_figure import InteractiveFigure  # loads Bokeh
-
+        drawing()  # or say what is missing
         return InteractiveFigure(chart)
     from truewrench.plots.matplotlib_chart import draw_on
 

@@ -17,7 +17,8 @@ from bokeh.models import ColumnDataSource
 from markupsafe import escape
 
 from modeling.errors import InputError
-from truewrench.plots.bokeh_chart import DARK, LIGHT, bokeh_chart, figures_of, legend_html
+from truewrench.plots.bokeh_chart import bokeh_chart, figures_of, legend_html
+from truewrench.plots.style import DARK, LIGHT
 from truewrench.workbench.page_update import with_field_names
 from truewrench.workbench.study_process import Cancelled, Done, Ended, Message, Progress, Refused, StudyProcess
 from truewrench.workbench.uploads import UploadFolder

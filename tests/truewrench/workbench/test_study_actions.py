@@ -51,7 +51,8 @@ def test_the_loop_by_hand(actions: StudyActions) -> None:
 
 @pytest.mark.parametrize("view", ["time", "map", "stairs", "spectrum"])
 def test_every_view_is_drawn(actions: StudyActions, view: str) -> None:
-    from truewrench.plots.bokeh_chart import DARK, bokeh_chart, figures_of, legend_html
+    from truewrench.plots.bokeh_chart import bokeh_chart, figures_of, legend_html
+    from truewrench.plots.style import DARK
 
     chart = asked(actions, "view", view=view).charts["plots"]
     assert len(figures_of(bokeh_chart(chart, DARK))) == len(chart.panels)
