@@ -33,6 +33,9 @@ class Presenter(Protocol):
     def plot(self, result: Any, **options: Any) -> Any:
         """The result as a picture."""
 
+    def show(self, result: Any, height: int) -> Any:
+        """The result as a page to work with, in a frame of so many CSS pixels."""
+
     def data(self, result: Any) -> dict[str, Any]:
         """The result as plain data."""
 

@@ -157,6 +157,13 @@ def _trajectory(separation: Separation | None) -> Download:
 NO_STUDY = {"what": "no recording is open", "where": "workbench", "remedy": "choose a recording first"}
 
 
+NO_FILES = {
+    "what": "a notebook gave the recordings, not their files",
+    "where": "workbench",
+    "remedy": "read them another way there, or open the files by truewrench workbench",
+}
+
+
 class StudyActions:
     """The study of a page, and what was learnt of its current model.
 
@@ -164,18 +171,20 @@ class StudyActions:
     ----------
     progress : callable
         Called with one line of text at each stage.
+    study : Study, optional
+        A study that is there already, as a notebook's; by default none until a recording is opened.
     """
 
-    def __init__(self, progress: Callable[[str], None]) -> None:
+    def __init__(self, progress: Callable[[str], None], study: Study | None = None) -> None:
         self._progress = progress
-        self._study: Study | None = None
-        self._case: Case | None = None
+        self._study = study
+        self._case = None if study is None else study.case
         self._puzzle: Puzzle | None = None
         self._form = ReadingForm()
         self._suspects: dict[int, Suspects] = {}
         self._diagnosis: Diagnosis | None = None
         self._discovery: Discovery | None = None
-        self._view = View()
+        self._view = View() if study is None else View.first(study)
         self._files: tuple[Sequence[str], Sequence[str], str | None] | None = None
         self._separation: Separation | None = None
         self._line = StepLine()
@@ -208,8 +217,12 @@ class StudyActions:
 
     def _opened(self) -> tuple[Sequence[str], Sequence[str], str | None]:
         if self._files is None:
-            raise InputError(**NO_STUDY)
+            raise InputError(**(NO_STUDY if self._study is None else NO_FILES))
         return self._files
+
+    def shown(self, _request: Mapping[str, Any]) -> PageUpdate:
+        """Show the study that is there, at the step that it is at."""
+        return self._changed("as in the notebook", self._words_of_study())
 
     def puzzle(self, request: Mapping[str, Any]) -> PageUpdate:
         """Simulate a rig with a hidden effect, and begin a study of its recordings."""
@@ -241,15 +254,15 @@ class StudyActions:
         self._suspects, self._diagnosis, self._view, self._separation = {}, None, View.first(begun), None
         self._files, self._form = (tuple(training), tuple(validation), rig), form
         self._line = StepLine()
-        return self._changed(
-            "rigid tool",
-            {
-                "sketch-style": style_words(),
-                "reading": reading_words(case),
-                "vocabulary": vocabulary_words(begun),
-                "custom-result": "",
-            },
-        )
+        return self._changed("rigid tool", self._words_of_study())
+
+    def _words_of_study(self) -> dict[str, str]:
+        return {
+            "sketch-style": style_words(),
+            "reading": "" if self._case is None else reading_words(self._case),
+            "vocabulary": vocabulary_words(self.study),
+            "custom-result": "",
+        }
 
     # ------------------------------------------------------------------------------------ what to see
 
@@ -390,7 +403,7 @@ class StudyActions:
         asked, pose = str(request.get("file")), str(request.get("sensor_pose") or "")
         if asked.startswith(("report", "equation")):
             self._progress("write the report")
-        training, validation, rig = self._opened()
+        training, validation, rig = self._files or ((), (), None)
         files = [*training, *validation, *([] if rig is None else [rig])]
         download = download_of(asked, step, self._case, self._diagnosis, files, self._separation, pose, self._discovery)
         return PageUpdate(download=download)
@@ -405,7 +418,7 @@ def separation_update(separation: Separation) -> PageUpdate:
 ACTIONS: Mapping[str, Callable[[StudyActions, Mapping[str, Any]], PageUpdate]] = {
     name: getattr(StudyActions, name)
     for name in (
-        "open", "read", "puzzle", "reveal", "view", "cell", "suspects", "add", "custom", "check", "drop", "undo",
+        "open", "shown", "read", "puzzle", "reveal", "view", "cell", "suspects", "add", "custom", "check", "drop", "undo",
         "redo", "diagnose", "discover", "adopt", "compare", "contact", "separate", "download",
     )
 }  # fmt: skip

@@ -161,7 +161,8 @@
   for (const kind of ["dragover", "dragleave", "drop"]) drop.addEventListener(kind, (event) => { event.preventDefault(); drop.classList.toggle("over", kind === "dragover"); });
   drop.addEventListener("drop", async (event) => { for (const file of event.dataTransfer.files) await upload(file, file.name.endsWith(".toml") ? "rig" : "recordings"); });
 
-  addEventListener("beforeunload", (event) => { if (steps()) event.preventDefault(); });  // the study goes with the page
+  // The study goes with the page, a notebook's does not.
+  addEventListener("beforeunload", (event) => { if (steps() && !place("chooser").hidden) event.preventDefault(); });
 
   // --------------------------------------------------------------------------------------- connection
   const model = (name) => window.Bokeh && Bokeh.documents.length ? Bokeh.documents[0].get_model_by_name(name) : null;
