@@ -227,6 +227,13 @@ def plot(
     return result_figure(result, kind=kind, channel=channel, backend=backend, ax=ax)
 
 
+def picture(result: Any) -> str:
+    """The figure of a result as HTML, empty where it has none."""
+    from truewrench.plots.result_figure import figure_html  # loads matplotlib
+
+    return figure_html(result)
+
+
 def show(study: Study, height: int) -> ShownStudy:
     """The study in the page of the workbench."""
     try:

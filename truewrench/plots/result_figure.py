@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from html import escape
 from typing import Any
 
 from design.exciting_trajectory import ExcitingTrajectory
@@ -38,6 +39,7 @@ from truewrench.plots.parameters_plot import (
 )
 from truewrench.plots.residual_plots import residual_map_chart, residual_spectrum_chart
 from truewrench.plots.style import ADEQUATE_COLOUR, HELD_OUT, MISFIT_COLOUR
+from truewrench.plots.svg_image import Drawing
 from truewrench.plots.time_series_plot import LabelledComparison, measured_chart, time_series_chart, worst_channel
 from truewrench.text.diagnosis_text import step_names
 
@@ -77,6 +79,18 @@ def result_figure(
     from truewrench.plots.matplotlib_chart import draw_on
 
     return draw_on(ax, chart)
+
+
+def figure_html(result: Any) -> str:
+    """The figure of a result as an image in HTML, on white paper whatever the page's; empty where it has none."""
+    if not isinstance(_shown(result), tuple(FIGURES)):
+        return ""
+    try:
+        image = Drawing.of(result_figure(result))
+    except InputError:  # of this one there is nothing to draw
+        return ""
+    style = f"width: {image.width}px; max-width: 100%; background: #fff"
+    return f'<p><img src="{escape(image.source)}" alt="{type(result).__name__}" style="{style}"/></p>'
 
 
 def result_chart(result: Any, *, kind: str | None = None, channel: str | None = None) -> Chart:

@@ -49,7 +49,7 @@ AS_IN_NOTEBOOK = 1000
 
 @dataclass(frozen=True)
 class Start:
-    """What a page opens by itself: paths of recordings and of a rig, as the command line gave them, or a notebook's study.
+    """What a page opens by itself: paths of recordings and of a rig, as on the command line, or a notebook's study.
 
     A study is worked on in this process, in which the notebook has it; recordings in one of their own.
     """

@@ -418,8 +418,8 @@ def separation_update(separation: Separation) -> PageUpdate:
 ACTIONS: Mapping[str, Callable[[StudyActions, Mapping[str, Any]], PageUpdate]] = {
     name: getattr(StudyActions, name)
     for name in (
-        "open", "shown", "read", "puzzle", "reveal", "view", "cell", "suspects", "add", "custom", "check", "drop", "undo",
-        "redo", "diagnose", "discover", "adopt", "compare", "contact", "separate", "download",
+        "open", "shown", "read", "puzzle", "reveal", "view", "cell", "suspects", "add", "custom", "check", "drop",
+        "undo", "redo", "diagnose", "discover", "adopt", "compare", "contact", "separate", "download",
     )
 }  # fmt: skip
 """What the page can ask for."""
