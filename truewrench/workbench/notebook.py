@@ -55,14 +55,15 @@ class ShownStudy:
 
 def _serve(start: Start, begun: SimpleQueue[WorkbenchServer | BaseException]) -> None:
     """Serve until stopped, by an event loop of this thread: the kernel has its own."""
-    asyncio.set_event_loop(asyncio.new_event_loop())
+    asyncio.set_event_loop(loop := asyncio.new_event_loop())
     try:
         server = WorkbenchServer(start)
     except BaseException as error:  # whoever waits for the server raises it
         begun.put(error)
-        return
-    begun.put(server)
-    server.run(prepared=True)
+    else:
+        begun.put(server)
+        server.run(prepared=True)
+    loop.close()
 
 
 def _end(server: WorkbenchServer, thread: Thread) -> None:

@@ -58,6 +58,7 @@
       if (focused) [...where.querySelectorAll("button")].find((b) => (b.getAttribute("aria-label") || b.textContent) === focused)?.focus({ preventScroll: true });
       if (id === "view") press(where.querySelector("[data-shown]")?.dataset.shown || "");
       if (id === "reading") opened();
+      if (id === "columns" && html) { place("chooser").open = true; where.scrollIntoView({ block: "start" }); }
       if (id === "view" && where.querySelector('[data-shown="trajectory"]')) place("trajectory").hidden = false;
       if (id === "reading") place("trajectory").hidden = true;
     }
@@ -91,7 +92,7 @@
   const act = (button) => {
     const { do: name, ...rest } = button.dataset;
     const request = { ...fields(button), ...rest, do: name };
-    if (["open", "puzzle"].includes(name) && steps() && (name !== "open" || chosen.recordings.length)
+    if ((["open", "puzzle"].includes(name) || (name === "pick" && !rest.only)) && steps() && (name !== "open" || chosen.recordings.length)
       && !confirm(`If this can be read, it replaces the study that is open, with its ${steps()} ${steps() > 1 ? "steps" : "step"}. Go on?`))
       return notice("Not opened; the study is as before.");
     pressed = { do: name, effect: rest.effect };
