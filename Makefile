@@ -1,5 +1,6 @@
-# make demo | test | long | check | docs | pictures | bench | notebooks | clean
-# The first run creates .venv with the versions pinned in constraints.txt.
+# make demo | test | long | oldest | check | docs | pictures | bench | notebooks | clean
+# The first run creates .venv with the versions pinned in constraints.txt; `make oldest` creates .venv-oldest beside it,
+# with the oldest versions that pyproject.toml allows.
 
 BIN := .venv/bin
 STAMP := .venv/.installed
@@ -10,7 +11,14 @@ PIP := $(BIN)/python -m pip -qq --disable-pip-version-check install -c constrain
 # Installs the pinned versions several times faster than pip.
 UV := $(BIN)/uv pip install -q --python $(BIN)/python -c constraints.txt
 
-.PHONY: demo test long check docs pictures bench notebooks browser clean
+OLDEST := .venv-oldest
+# The part of the daily tests that meets every package: derivations, cone programs, each command, a diagnosis with its
+# report, every format of logs, emitted code and files in MuJoCo and Pinocchio, a survey by Dask; a minute on two cores.
+OF_OLDEST := $(addprefix tests/,modeling/chain modeling/codegen estimation/least_squares \
+  estimation/reading/test_log_formats.py $(addprefix truewrench/,commands/test_fit_command.py \
+  commands/test_compensate_command.py test_command_line.py test_survey.py))
+
+.PHONY: demo test long oldest check docs pictures bench notebooks browser clean
 .DEFAULT_GOAL := test
 
 demo: $(STAMP)
@@ -21,6 +29,9 @@ test: browser $(STAMP)
 
 long: browser $(STAMP)
 	$(BIN)/python -m pytest -m long
+
+oldest: $(OLDEST)/.installed
+	$(OLDEST)/bin/python -m pytest -W ignore::DeprecationWarning $(OF_OLDEST)
 
 check: $(STAMP)
 	$(BIN)/ruff check .
@@ -55,7 +66,7 @@ browser:
 	  "or name its program in the variable CHROMIUM" >&2; exit 1; }
 
 clean:
-	rm -rf .venv demo_report build dist docs/generated *.egg-info
+	rm -rf .venv $(OLDEST) demo_report build dist docs/generated *.egg-info
 	rm -rf .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
@@ -72,4 +83,10 @@ $(STAMP): pyproject.toml constraints.txt
 	@{ $(PIP) uv && $(UV) --no-build-isolation -e '.[development]'; } \
 	  || { echo "uv could not install the packages; pip tries" >&2; \
 	       $(PIP) --no-build-isolation -e '.[development]'; }
+	@touch $@
+
+# Of what is required here the oldest, of what that requires in turn the newest. Deprecations there are of no concern.
+$(OLDEST)/.installed: pyproject.toml | $(STAMP)
+	@$(BIN)/uv venv -q --clear --python $(BIN)/python $(OLDEST)
+	@$(BIN)/uv pip install -q --python $(OLDEST)/bin/python --resolution lowest-direct -e '.[all,tests]'
 	@touch $@

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from diagnosis.comparison.compared_step import (
     ComparedFit,
@@ -47,7 +47,7 @@ from modeling.errors import InputError, quoted, suggestion
 from modeling.number_format import P_VALUE
 from modeling.rig import Rig
 from modeling.significance import LEVELS
-from modeling.table import Column, Table, Tabular
+from modeling.table import Column, Table, Tabular, presenter
 
 if TYPE_CHECKING:
     from estimation.readings.doubted_reading import DoubtedReading
@@ -204,6 +204,12 @@ class Study(Tabular):
         return self.fit.model
 
     @property
+    def case(self) -> Case:
+        """The recordings, fitted and held out, with the current model."""
+        held_out = tuple(h.recording for h in self._held_out)
+        return Case(self.model, self.fit.recordings, held_out, readings=self.readings, tilt_fitted=self._tilt_fitted)
+
+    @property
     def effects(self) -> tuple[str, ...]:
         """Ids of the current model's effects."""
         return tuple(effect.id for effect in self.model.effects)
@@ -312,9 +318,7 @@ class Study(Tabular):
 
         What the model has is given and stays. `workers` is without effect, as in `diagnose`.
         """
-        held_out = tuple(h.recording for h in self._held_out)
-        case = Case(self.model, self.fit.recordings, held_out, readings=self.readings, tilt_fitted=self._tilt_fitted)
-        diagnosis = diagnose_case(case, effects=tuple(self._candidates.values()), progress=self._progress)
+        diagnosis = diagnose_case(self.case, effects=tuple(self._candidates.values()), progress=self._progress)
         for step in diagnosis.steps[1:]:
             self.steps = (*self.steps, StudyStep(f"+ {step.effect}", step.fit, step.training, step.validation))
             self._undone = ()
@@ -347,6 +351,17 @@ class Study(Tabular):
             *fits,
             f"model: {' + '.join([START, *self.effects])}; worst channel, systematic error with repeats, else rms",
         ]
+
+    def show(self, height: int = 800) -> Any:
+        """The workbench of this study in a frame of a notebook, `height` CSS pixels high; of this very study.
+
+        What is added or dropped in the page is a step here, and the page has what was added here from its next step
+        on. It is served on this machine alone: the browser has to be on the machine of the kernel. Elsewhere than in a
+        notebook, `address` of what is returned is what a browser opens, for as long as Python runs.
+
+        Raises InputError where the packages of the workbench are not installed.
+        """
+        return presenter().show(self, height)
 
     # ------------------------------------------------------------------------------------------- inside
 
@@ -417,7 +432,8 @@ def study(
     Returns
     -------
     Study
-        With `where()`, `suspects()`, `add(id)`, `drop(id)`, `undo()`, `redo()`, `diagnose()`, `stairs()`, `compare()`.
+        With `where()`, `suspects()`, `add(id)`, `drop(id)`, `undo()`, `redo()`, `diagnose()`, `stairs()`, `compare()`,
+        and `show()`, the page of the workbench in a notebook.
 
     Raises
     ------

@@ -122,8 +122,8 @@ def _invalid(syntax: str, error: object, where: str) -> InputError:
 
 
 EXTRAS = {
-    "h5py": "logs", "openpyxl": "logs", "rosbags": "logs", "tornado": "workbench", "dask": "survey",
-    "distributed": "survey", "mujoco": "simulation", "xarray": "xarray",
+    "h5py": "logs", "openpyxl": "logs", "pyarrow": "logs", "rosbags": "logs", "bokeh": "workbench",
+    "tornado": "workbench", "dask": "survey", "distributed": "survey", "mujoco": "simulation", "xarray": "xarray",
 }  # fmt: skip
 """Packages that an installation need not have, by the extra of the project that brings each."""
 

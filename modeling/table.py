@@ -33,6 +33,12 @@ class Presenter(Protocol):
     def plot(self, result: Any, **options: Any) -> Any:
         """The result as a picture."""
 
+    def picture(self, result: Any) -> str:
+        """The figure of a result as HTML, empty where it has none."""
+
+    def show(self, result: Any, height: int) -> Any:
+        """The result as a page to work with, in a frame of so many CSS pixels."""
+
     def data(self, result: Any) -> dict[str, Any]:
         """The result as plain data."""
 
@@ -301,7 +307,7 @@ def _aligned(row: Sequence[Sequence[str]], widths: Sequence[int]) -> Iterator[st
 
 
 class Tabular(Presented, ABC):
-    """A result that shows itself as a table with remarks below it, on a terminal and in a notebook.
+    """A result that shows itself as a table with remarks below it, in a notebook with its figure too.
 
     Its `repr` is that table: dataclasses among the subclasses do not list their fields.
     """
@@ -335,6 +341,5 @@ class Tabular(Presented, ABC):
         return shortened(str(self))
 
     def _repr_html_(self) -> str:
-        return "\n".join(
-            p.to_html() if isinstance(p, Table) else f"<p>{escape(typeset_text(p))}</p>" for p in self.printed()
-        )
+        words = [p.to_html() if isinstance(p, Table) else f"<p>{escape(typeset_text(p))}</p>" for p in self.printed()]
+        return "\n".join([*words, presenter().picture(self)] if _modules else words)

@@ -12,6 +12,7 @@ import venv
 import zipfile
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import truewrench as tw
@@ -80,8 +81,11 @@ sys.exit(main({arguments}))
         (["import", "bag.mcap"], "rosbags", "logs"),
         (["import", "log.xlsx"], "openpyxl", "logs"),
         (["import", "log.h5"], "h5py", "logs"),
+        (["fit", "log.parquet"], "pyarrow", "logs"),
+        (["import", "log.parquet"], "pyarrow", "logs"),
+        (["import", "recording.csv", "--out", "out.parquet"], "pyarrow", "logs"),
         (["survey", "log.csv", "--rig", "rig.toml"], "dask", "survey"),
-        (["workbench", "--no-browser"], "tornado", "workbench"),
+        (["workbench", "--no-browser"], "bokeh", "workbench"),
     ],
 )
 def test_a_missing_package_is_one_line_that_says_what_to_install(
@@ -89,6 +93,8 @@ def test_a_missing_package_is_one_line_that_says_what_to_install(
 ) -> None:
     (tmp_path / "bag.mcap").write_bytes(b"\x89MCAP0\r\n")
     (tmp_path / "log.h5").write_bytes(b"\x89HDF\r\n\x1a\n")
+    (tmp_path / "log.parquet").write_bytes(b"PAR1")
+    write_recording(tmp_path / "recording.csv")
     with zipfile.ZipFile(tmp_path / "log.xlsx", "w") as archive:
         archive.writestr("a", "b")
     (tmp_path / "log.csv").write_text("time,fx,fy,tau,phi\n0,0,0,0,0\n", encoding="utf-8")
@@ -100,19 +106,30 @@ def test_a_missing_package_is_one_line_that_says_what_to_install(
     )
     line = f'error: {package}: the package is not installed; pip install "truewrench[{extra}]"\n'
     assert (ran.returncode, ran.stderr) == (2, line)
+    assert not (tmp_path / "out.parquet").exists()
+
+
+def write_recording(path: Path) -> None:
+    """Poses at rest of a tool of 1 kg, its noise 0.01 N and 0.002 N m."""
+    phi = np.linspace(0, 3, 50)
+    wrench = -np.column_stack([9.806 * np.sin(phi), 9.806 * np.cos(phi), 0.7 * np.sin(phi)])
+    wrench += np.random.default_rng(1).standard_normal(wrench.shape) * (0.01, 0.01, 0.002)
+    np.savetxt(path, np.column_stack([phi, wrench]), delimiter=",", header="phi,fx,fy,tau", comments="")
 
 
 def test_without_any_extra_a_recording_is_fitted(tmp_path: Path) -> None:
-    import numpy as np
-
-    phi = np.linspace(0, 3, 50)
-    rows = np.column_stack([phi, 9.806 * np.sin(phi), 9.806 * np.cos(phi), 0.7 * np.sin(phi)])
-    np.savetxt(tmp_path / "log.csv", rows, delimiter=",", header="phi,fx,fy,tau", comments="")
-    program = WITHOUT.format(packages=[*EXTRAS], arguments=["fit", "log.csv"])
+    """Its report has static pictures, no script, and says how figures to zoom are had."""
+    write_recording(tmp_path / "log.csv")
+    program = WITHOUT.format(packages=[*EXTRAS], arguments=["fit", "log.csv", "--report", "report"])
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     ran = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, env=environment, capture_output=True, text=True)
     assert ran.returncode == 0, ran.stderr
     assert "kg" in ran.stdout
+    page = (tmp_path / "report" / "report.html").read_text(encoding="utf-8")
+    assert 'pip install "truewrench[workbench]"' in page
+    assert page.count("<img ") >= 1
+    assert "<script" not in page
+    assert "<button" not in page
 
 
 # -------------------------------------------------------------------------------------------------- the browser

@@ -28,6 +28,8 @@ from truewrench.files.model_file import ModelFile
 if TYPE_CHECKING:
     import xarray as xr
 
+    from truewrench.workbench.notebook import ShownStudy
+
 Array = NDArray[np.float64]
 
 
@@ -223,6 +225,22 @@ def plot(
     from truewrench.plots.result_figure import result_figure  # loads matplotlib
 
     return result_figure(result, kind=kind, channel=channel, backend=backend, ax=ax)
+
+
+def picture(result: Any) -> str:
+    """The figure of a result as HTML, empty where it has none."""
+    from truewrench.plots.result_figure import figure_html  # loads matplotlib
+
+    return figure_html(result)
+
+
+def show(study: Study, height: int) -> ShownStudy:
+    """The study in the page of the workbench."""
+    try:
+        from truewrench.workbench.notebook import ShownStudy  # loads Bokeh
+    except ModuleNotFoundError as error:
+        raise missing_package(error) or error from None
+    return ShownStudy(study, height)
 
 
 def summary(result: Any) -> str:

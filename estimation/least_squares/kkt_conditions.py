@@ -192,17 +192,19 @@ class ConeProgram:
         slacks = np.array([local.theta - region.low, region.high - local.theta]) / unit
         side, index = np.nonzero(slacks < DISTANT_BOUND)
         inwards = np.where(side == 0, 1.0, -1.0) * self.length / unit[index]
-        within = slacks[side, index] + (inwards[:, None] * local.basis[index]) @ u >= 0
+        conditions: dict[str, Any] = {}
+        if side.size:
+            conditions["within"] = slacks[side, index] + (inwards[:, None] * local.basis[index]) @ u >= 0
         scale = inertia_scale(local, region, self.length)
-        cone = self._moved(u, region.matrix(local.theta), region.slopes, np.diag(1 / scale)) >> 0
-        conditions = [condition for condition, size in ((within, side.size), (cone, scale.size)) if size]
-        if not solve_conic(cp.Problem(cp.Minimize(self._objective(u)), conditions)):
+        if scale.size:
+            conditions["cone"] = self._moved(u, region.matrix(local.theta), region.slopes, np.diag(1 / scale)) >> 0
+        if not solve_conic(cp.Problem(cp.Minimize(self._objective(u)), [*conditions.values()])):
             return None
         theta = np.clip(local.theta + local.basis @ u.value * self.length, region.low, region.high)
         multipliers = np.zeros_like(slacks)
         if side.size:
-            multipliers[side, index] = self._whole * within.dual_value / unit[index]
-        Z = self._whole * cone.dual_value / np.outer(scale, scale) if scale.size else np.zeros((0, 0))
+            multipliers[side, index] = self._whole * conditions["within"].dual_value / unit[index]
+        Z = self._whole * conditions["cone"].dual_value / np.outer(scale, scale) if scale.size else np.zeros((0, 0))
         return ConeSolution(theta, multipliers[0], multipliers[1], Z)
 
 

@@ -23,7 +23,7 @@ from estimation.reading.log_reader import (
     require_size,
     unique_names,
 )
-from estimation.recordings.column_table import PARQUET_MAGIC, parquet_file
+from estimation.recordings.column_table import PARQUET_MAGIC, arrow, parquet_file
 from modeling.errors import InputError
 
 MOST_COLUMNS_OF_ARRAY, MATRIX_RATIO = 64, 4
@@ -257,8 +257,7 @@ class Parquet(LogReader):
 
 def _arrow_columns(arrays: Mapping[str, Any]) -> tuple[dict[str, Array], dict[str, tuple[str, ...]]]:
     """Columns (n,) of Arrow's arrays by name, `name[i]` of lists of one length, and the first of other values."""
-    import pyarrow as pa  # slow to import
-
+    pa = arrow()
     columns: dict[str, Array] = {}
     texts: dict[str, tuple[str, ...]] = {}
     for name, array in arrays.items():

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from modeling.errors import InputError, cut
+from modeling.errors import InputError, cut, missing_package
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -223,19 +223,24 @@ class ParquetFile(TableFile):
 
     @contextmanager
     def _damage_refused(self) -> Iterator[None]:
-        import pyarrow as pa  # slow to import, and a CSV does not need it
-
         try:
             yield
-        except (OSError, ValueError, pa.ArrowException) as error:
+        except (OSError, ValueError, arrow().ArrowException) as error:
             raise self.error(f"cannot be read as Parquet: {error}", FILE_REMEDY) from None
 
 
 def parquet_file(source: BinaryIO | Path, **options: Any) -> pq.ParquetFile:
     """A Parquet file, opened; its own `read` needs no pandas, unlike `pyarrow.parquet.read_table`."""
-    import pyarrow.parquet as pq  # slow to import, and a CSV does not need it
+    return arrow().parquet.ParquetFile(source, **options)
 
-    return pq.ParquetFile(source, **options)
+
+def arrow() -> Any:
+    """The package PyArrow with its Parquet, which a CSV does not need; InputError where it is not installed."""
+    try:
+        import pyarrow.parquet  # slow to import
+    except ModuleNotFoundError as error:
+        raise missing_package(error) or error from None
+    return pyarrow
 
 
 class CsvFile(TableFile):
@@ -447,14 +452,14 @@ def _implausible(name: str, value: object, row: int, where: str) -> InputError:
 
 def table_from_arrow(table: pa.Table | pa.RecordBatch, where: str, first_row: int = 1) -> ColumnTable:
     """Arrow's columns, without a copy where possible, each checked as `table_from_frame` does."""
-    import pyarrow as pa  # slow to import, though not as slow as pandas
+    kinds = arrow().types
 
     def contiguous(column: pa.ChunkedArray | pa.Array) -> pa.Array:
-        return column.combine_chunks() if isinstance(column, pa.ChunkedArray) else column
+        return column.combine_chunks() if isinstance(column, arrow().ChunkedArray) else column
 
     columns: dict[str, Array] = {}
     for name, column in zip(table.schema.names, map(contiguous, table.columns), strict=True):
-        is_numeric = column.null_count == 0 and (pa.types.is_integer(column.type) or pa.types.is_floating(column.type))
+        is_numeric = column.null_count == 0 and (kinds.is_integer(column.type) or kinds.is_floating(column.type))
         values = np.from_dlpack(column) if is_numeric else np.full(1, np.nan)  # `to_numpy` would import pandas
         if not _are_plausible(values):
             return table_from_frame(table.to_pandas(ignore_metadata=True), where, first_row)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+import mujoco
+
 from modeling.kinematics.arm import PlanarArm, SpatialArm
 from modeling.kinematics.urdf import read_urdf
 from modeling.rig import Rig
@@ -21,6 +23,9 @@ RIG = Rig(link_lengths=ARM.link_lengths, tip_length=0.2)
 SIMULATED: Mapping[Space, SimulatedRig] = {Space.PLANE: PlanarRig(), Space.SPACE: SpatialRig()}
 FRAMES = {"elbow": "tool0", "seven": "l8", "slide": "sensor", "planar": "sensor", "carriage": "sensor"}
 """The sensor's frame in each file of the folder URDF."""
+
+FULL_INERTIA = 1e-10 if int(mujoco.__version__.partition(".")[0]) >= 4 else 2e-6
+"""N and N m that MuJoCo's principal axes of a full inertia leave of 100 N: before version 4 they are found to 1e-6."""
 
 
 def spatial_arm(name: str) -> SpatialArm:

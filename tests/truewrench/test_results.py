@@ -13,6 +13,7 @@ from importlib import import_module
 from inspect import isabstract
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 from xml.etree import ElementTree
 
 import numpy as np
@@ -52,6 +53,11 @@ def test_typed_at_a_prompt_it_is_short(name: str) -> None:
 
 
 INPUTS = {"model", "rig", "chunk"}
+DRAWN = {
+    "fit", "intervals", "comparison", "model comparison", "diagnosis", "step", "contact", "robust", "recording",
+    "study", "suspects", "stairs", "study step", "location", "loaded model", "streamed",
+}  # fmt: skip
+"""Results that a notebook shows with a figure."""
 PRESENTED = [name for name in RESULTS if name not in INPUTS]
 
 
@@ -60,6 +66,8 @@ def test_results_have_a_table_a_frame_and_words(name: str) -> None:
     result = RESULTS[name]()
     shown = ElementTree.fromstring(f"<div>{result._repr_html_()}</div>")
     assert any("".join(cell.itertext()).strip() for cell in shown.iter())
+    pictures = [ElementTree.fromstring(unquote(i.get("src", "").partition(",")[2])) for i in shown.iter("img")]
+    assert [picture.tag.rpartition("}")[2] for picture in pictures] == ["svg"] * (name in DRAWN)
     assert isinstance(result.to_frame(), pd.DataFrame)
     assert len(result.summary()) > 10
 

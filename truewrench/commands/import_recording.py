@@ -12,6 +12,7 @@ import pandas as pd
 
 from estimation.reading.log_reader import Array
 from estimation.reading.log_reading import imported
+from estimation.recordings.column_table import arrow
 from estimation.recordings.reading_report import ReadingReport
 from modeling.errors import InputError, quoted
 from modeling.rig import Rig
@@ -116,10 +117,7 @@ def write_table(columns: Mapping[str, Array], path: Path, *, parquet: bool) -> N
     """Write columns (n,) as Parquet, or as CSV with all digits; rows in blocks, so that no second copy is in memory."""
     samples = len(next(iter(columns.values())))
     if parquet:
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
-        pq.write_table(pa.table(dict(columns)), path, row_group_size=ROWS_OF_GROUP)
+        arrow().parquet.write_table(arrow().table(dict(columns)), path, row_group_size=ROWS_OF_GROUP)
         return
     with path.open("w", encoding="utf-8", newline="") as stream:
         for start in range(0, samples, ROWS_AT_ONCE):

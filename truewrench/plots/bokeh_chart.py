@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import singledispatch
 from html import escape
@@ -12,6 +12,7 @@ from math import ceil, floor, log10
 from typing import Any
 
 import numpy as np
+from bokeh.document import Document
 from bokeh.events import RangesUpdate
 from bokeh.layouts import column, row
 from bokeh.models import (
@@ -47,7 +48,7 @@ from truewrench.plots.chart import (
     legend_labels,
     thinned,
 )
-from truewrench.plots.style import FAINT, INK, MEASURED, MUTED, NOISE, QUIET_NOISE
+from truewrench.plots.style import LIGHT, Scheme
 
 LINE_COLUMNS = 1200
 """Columns of pixels for which a line keeps its extremes."""
@@ -65,31 +66,6 @@ LEAST = 230
 """CSS pixels of a figure; where they do not fit beside each other they are below."""
 LEFT, RIGHT = 80, 12
 """CSS pixels beside a panel, so that panels below each other are aligned."""
-
-
-@dataclass(frozen=True)
-class Scheme:
-    """Colours of a page: paper and lines of axes, and what other colours become on this paper."""
-
-    paper: str
-    ink: str
-    muted: str
-    grid: str
-    instead: Mapping[str, str] = field(default_factory=dict)
-
-    def colour(self, colour: str) -> str:
-        """The colour on this paper."""
-        return self.instead.get(colour, colour)
-
-
-LIGHT = Scheme(paper="#ffffff", ink=INK, muted=MUTED, grid="#e9ecf0")
-DARK = Scheme(
-    paper="#14171b", ink="#e6e9ed", muted="#9aa4b0", grid="#272c33",
-    instead={
-        INK: "#e6e9ed", MUTED: "#9aa4b0", FAINT: "#4a525c", NOISE: "#262b31", QUIET_NOISE: "#3a424c",
-        MEASURED: "#a7adb6", "#0072B2": "#56B4E9", "#D55E00": "#F0803C",
-    },
-)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,6 +151,19 @@ def bokeh_chart(chart: Chart, scheme: Scheme = LIGHT, *, columns: int | None = N
             figures.append(drawn)
         lines.append(row(*figures, sizing_mode="stretch_width", spacing=10, styles={"flex-wrap": "wrap"}))
     return column(*lines, sizing_mode="stretch_width", spacing=4)
+
+
+def document_item(layout: Any) -> dict[str, Any]:
+    """The layout as a document that BokehJS embeds: numbers as a screen can show them, in half the space."""
+    document = Document()
+    for source in layout.select({"type": ColumnDataSource}):
+        source.data = {name: _single_precision(values) for name, values in source.data.items()}
+    document.add_root(layout)
+    return {"doc": document.to_json(deferred=False), "root_id": layout.id}
+
+
+def _single_precision(values: Any) -> Any:
+    return values.astype(np.float32) if isinstance(values, np.ndarray) and values.dtype == np.float64 else values
 
 
 def legend_html(chart: Chart, scheme: Scheme = LIGHT) -> str:

@@ -14,15 +14,12 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-import bokeh
-import numpy as np
-from bokeh.document import Document
-from bokeh.models import ColumnDataSource
 from jinja2 import Environment, PackageLoader
 
+from modeling.errors import InputError, missing_package
 from truewrench.files.output import atomic_write
-from truewrench.plots.bokeh_chart import DARK, LIGHT, bokeh_chart, legend_html
 from truewrench.plots.chart import Chart, Line
+from truewrench.plots.style import DARK, LIGHT
 
 MOST_VALUES = 250_000
 """Numbers that the lines of the figures of a page share: 1.3 MB. Every sample is there, up to this many."""
@@ -49,17 +46,12 @@ class InteractiveFigure:
     def layout(self) -> Any:
         """The figures of Bokeh, a column of rows, for who wants to change them; they are made anew each time."""
         enlarged = replace(self.chart, row_height=SCREEN_SCALE * self.chart.row_height)
-        return bokeh_chart(enlarged, ON_ANY_PAPER, columns=self.columns or shared_columns([self.chart]))
+        return drawing().bokeh_chart(enlarged, ON_ANY_PAPER, columns=self.columns or shared_columns([self.chart]))
 
     @property
     def json(self) -> str:
         """Legend and Bokeh's document as JSON that is safe inside a `<script>` element."""
-        layout, document = self.layout, Document()
-        for source in layout.select({"type": ColumnDataSource}):
-            source.data = {name: _single_precision(values) for name, values in source.data.items()}
-        document.add_root(layout)
-        item = {"doc": document.to_json(deferred=False), "root_id": layout.id}
-        data = {"legend": legend_html(self.chart), "item": item}
+        data = {"legend": drawing().legend_html(self.chart), "item": drawing().document_item(self.layout)}
         text = json.dumps(data, allow_nan=False, separators=(",", ":"))
         return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
@@ -85,9 +77,23 @@ class InteractiveFigure:
         return f'<iframe srcdoc="{escape(self.html)}" style="width: 100%; height: {height}px; border: 0"></iframe>'
 
 
-def _single_precision(values: Any) -> Any:
-    """What a screen can show of numbers, in half the space."""
-    return values.astype(np.float32) if isinstance(values, np.ndarray) and values.dtype == np.float64 else values
+def drawing() -> Any:
+    """The module that draws with Bokeh; InputError where that is not installed."""
+    try:
+        from truewrench.plots import bokeh_chart
+    except ModuleNotFoundError as error:
+        raise missing_package(error) or error from None
+    return bokeh_chart
+
+
+@cache
+def can_zoom() -> bool:
+    """Whether figures can be drawn in a browser: without Bokeh a page has its pictures alone, and says so."""
+    try:
+        drawing()
+    except InputError:
+        return False
+    return True
 
 
 def shared_columns(charts: Sequence[Chart]) -> int:
@@ -103,7 +109,7 @@ def shared_columns(charts: Sequence[Chart]) -> int:
 @cache
 def packed_bokeh() -> str:
     """BokehJS, gzipped, in base64: 0.5 MB."""
-    script = files(bokeh) / "server" / "static" / "js" / "bokeh.min.js"
+    script = files("bokeh") / "server" / "static" / "js" / "bokeh.min.js"
     return b64encode(gzip.compress(script.read_bytes(), 9, mtime=0)).decode()
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from html import escape
 from typing import Any
 
 from design.exciting_trajectory import ExcitingTrajectory
@@ -26,6 +27,7 @@ from modeling.table import Table, Tabular
 from truewrench.files.model_file import ModelFile
 from truewrench.plots.chart import Chart
 from truewrench.plots.contact_plot import LabelledContact, contact_chart
+from truewrench.plots.interactive_figure import InteractiveFigure, drawing
 from truewrench.plots.motion_plot import fit_motion_chart, recording_chart, trajectory_motion_chart
 from truewrench.plots.parameters_plot import (
     LabelledParameters,
@@ -37,6 +39,7 @@ from truewrench.plots.parameters_plot import (
 )
 from truewrench.plots.residual_plots import residual_map_chart, residual_spectrum_chart
 from truewrench.plots.style import ADEQUATE_COLOUR, HELD_OUT, MISFIT_COLOUR
+from truewrench.plots.svg_image import Drawing
 from truewrench.plots.time_series_plot import LabelledComparison, measured_chart, time_series_chart, worst_channel
 from truewrench.text.diagnosis_text import step_names
 
@@ -61,7 +64,7 @@ def result_figure(
 
     Of matplotlib, else an `InteractiveFigure`, whatever other name `backend` is.
 
-    Raises InputError for a result without a figure, and a kind, channel or axes that it has not.
+    Raises InputError for a result without a figure, a kind, channel or axes that it has not, and without Bokeh.
     """
     if backend == "matplotlib" and ax is None:
         shown = _shown(result)
@@ -71,12 +74,23 @@ def result_figure(
         if ax is not None:
             remedy = 'leave ax out, or backend="matplotlib"'
             raise InputError(what="an interactive figure has no axes of matplotlib", where="plot", remedy=remedy)
-        from truewrench.plots.interactive_figure import InteractiveFigure  # loads Bokeh
-
+        drawing()  # or say what is missing
         return InteractiveFigure(chart)
     from truewrench.plots.matplotlib_chart import draw_on
 
     return draw_on(ax, chart)
+
+
+def figure_html(result: Any) -> str:
+    """The figure of a result as an image in HTML, on white paper whatever the page's; empty where it has none."""
+    if not isinstance(_shown(result), tuple(FIGURES)):
+        return ""
+    try:
+        image = Drawing.of(result_figure(result))
+    except InputError:  # of this one there is nothing to draw
+        return ""
+    style = f"width: {image.width}px; max-width: 100%; background: #fff"
+    return f'<p><img src="{escape(image.source)}" alt="{type(result).__name__}" style="{style}"/></p>'
 
 
 def result_chart(result: Any, *, kind: str | None = None, channel: str | None = None) -> Chart:

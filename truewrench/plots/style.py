@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from io import StringIO
 from textwrap import wrap
 from typing import Any
@@ -25,6 +25,31 @@ FAINT = "#C9CED6"
 NOISE = "#E9ECF0"
 QUIET_NOISE = "#D3D9E1"
 HELD_OUT = "#E69F00"
+
+
+@dataclass(frozen=True)
+class Scheme:
+    """Colours of a page: paper and lines of axes, and what other colours become on this paper."""
+
+    paper: str
+    ink: str
+    muted: str
+    grid: str
+    instead: Mapping[str, str] = field(default_factory=dict)
+
+    def colour(self, colour: str) -> str:
+        """The colour on this paper."""
+        return self.instead.get(colour, colour)
+
+
+LIGHT = Scheme(paper="#ffffff", ink=INK, muted=MUTED, grid="#e9ecf0")
+DARK = Scheme(
+    paper="#14171b", ink="#e6e9ed", muted="#9aa4b0", grid="#272c33",
+    instead={
+        INK: "#e6e9ed", MUTED: "#9aa4b0", FAINT: "#4a525c", NOISE: "#262b31", QUIET_NOISE: "#3a424c",
+        MEASURED: "#a7adb6", "#0072B2": "#56B4E9", "#D55E00": "#F0803C",
+    },
+)  # fmt: skip
 
 WIDTH = 1080
 """Width of a figure on the page, in CSS pixels."""

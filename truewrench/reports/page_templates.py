@@ -13,7 +13,7 @@ from modeling.number_format import format_percentage, typeset_text
 from modeling.table import Table
 from truewrench.effect_description import SKETCH_STYLE
 from truewrench.effect_description.formula_mathml import formula_mathml
-from truewrench.plots.interactive_figure import library
+from truewrench.plots.interactive_figure import can_zoom, library
 from truewrench.plots.style import ADEQUATE_COLOUR, HELD_OUT, MEASURED, MISFIT_COLOUR, NOISE, QUIET_NOISE
 
 # Markdown of a report: escaped text, and tables.
@@ -66,7 +66,7 @@ def page_templates() -> Environment:
         lstrip_blocks=True,
     )
     environment.filters |= {"percentage": format_percentage, "typeset": typeset_text, "formula": typeset}
-    environment.globals |= {"legend": LEGEND, "sketch_style": Markup(SKETCH_STYLE)}
+    environment.globals |= {"legend": LEGEND, "sketch_style": Markup(SKETCH_STYLE), "can_zoom": can_zoom}
     return environment
 
 
@@ -76,8 +76,9 @@ def typeset(text: str) -> Markup:
 
 
 def html_page(template: str, values: Mapping[str, Any]) -> str:
-    """A page of these values, with what draws its interactive figures."""
-    return page_templates().get_template(template).render(**values, **library())
+    """A page of these values, with what draws its interactive figures; static pictures where Bokeh is not installed."""
+    shown = library() if can_zoom() else {}
+    return page_templates().get_template(template).render(**values, **shown)
 
 
 def markdown_page(template: str, values: Mapping[str, Any]) -> str:

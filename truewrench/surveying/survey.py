@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from pydantic import TypeAdapter, ValidationError
 
 from diagnosis.progress import Progress, count_progress, silent
+from estimation.recordings.column_table import arrow
 from modeling.compiled.cache import verified, with_checksum
 from modeling.effects import named
 from modeling.errors import InputError
@@ -202,6 +203,8 @@ def survey(
     if missing:
         by_path = {task.recording: task for task in tasks}
         with _executor(executor, scheduler, workers, most=len(missing)) as running:
+            if out is not None:
+                arrow()  # which writes the table, at the end
             outcomes |= _run_and_store([by_path[path] for path in missing], running, work, store, progress)
     surveyed = Survey(
         tuple(SurveyRow.of(p, outcomes[t.recording]) for p, t in zip(paths, tasks, strict=True)), len(missing)

@@ -18,10 +18,8 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-import pyarrow as pa
-from pyarrow import parquet
-
 from diagnosis.diagnosis import diagnose_case
+from estimation.recordings.column_table import arrow
 from modeling.compiled.cache import LOADED_AT, source_digest
 from modeling.effects import catalogue, named
 from modeling.errors import InputError
@@ -30,6 +28,8 @@ from modeling.rig import Rig
 from truewrench.files.case_files import read_case
 
 if TYPE_CHECKING:
+    import pyarrow as pa
+
     from diagnosis.comparison.comparison import Comparison
     from diagnosis.diagnosis import Diagnosis
     from estimation.least_squares.estimates import Estimate
@@ -263,49 +263,28 @@ class SurveyRow:
 # Rows of a survey as a Parquet table.
 
 
-_SIZES = pa.list_(
-    pa.struct(
-        [
-            ("effect", pa.string()),
-            ("parameter", pa.string()),
-            ("value", pa.float64()),
-            ("std", pa.float64()),
-            ("unit", pa.string()),
-        ]
-    )
-)
-SCHEMA = pa.schema(
-    [
-        ("file", pa.string()),
-        ("recorded", pa.timestamp("us")),
-        ("recorded_from", pa.string()),
-        ("verdict", pa.string()),
-        ("added", pa.list_(pa.string())),
-        ("sizes", _SIZES),
-        ("parameters", _SIZES),
-        ("tool_unknown", pa.string()),
-        ("misfit_before", pa.float64()),
-        ("misfit", pa.float64()),
-        *((name, pa.map_(pa.string(), pa.float64())) for name in BY_CHANNEL),
-        ("seconds", pa.float64()),
-        ("error", pa.string()),
-    ]
-)
-"""Of survey.parquet: errors by channel and sizes in the units of FORMATS, local times without a zone."""
-
-
 def parquet_table(rows: Sequence[SurveyRow]) -> pa.Table:
-    """The table, one row per recording."""
+    """The table, one row per recording: errors by channel and local times without a zone."""
+    types = arrow()
+    text, number = types.string(), types.float64()
+    size = {"effect": text, "parameter": text, "value": number, "std": number, "unit": text}
+    sizes = types.list_(types.struct(size.items()))
+    schema = {
+        "file": text, "recorded": types.timestamp("us"), "recorded_from": text, "verdict": text,
+        "added": types.list_(text), "sizes": sizes, "parameters": sizes, "tool_unknown": text,
+        "misfit_before": number, "misfit": number,
+        **dict.fromkeys(BY_CHANNEL, types.map_(text, number)), "seconds": number, "error": text,
+    }  # fmt: skip
     data = [row.to_data() for row in rows]
     for line, row in zip(data, rows, strict=True):
         line["recorded"] = None if row.time is None else row.time.moment
         line |= {name: list(line[name].items()) for name in BY_CHANNEL}
-    return pa.Table.from_pylist(data, schema=SCHEMA)
+    return types.Table.from_pylist(data, schema=types.schema(schema.items()))
 
 
 def write_parquet(rows: Sequence[SurveyRow], path: Path) -> None:
     """Write the table as Parquet."""
-    parquet.write_table(parquet_table(rows), path)
+    arrow().parquet.write_table(parquet_table(rows), path)
 
 
 STORE_VERSION = 3

@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from bokeh.document import Document
 from bokeh.events import Tap
@@ -17,10 +17,23 @@ from bokeh.models import ColumnDataSource
 from markupsafe import escape
 
 from modeling.errors import InputError
-from truewrench.plots.bokeh_chart import DARK, LIGHT, bokeh_chart, figures_of, legend_html
+from truewrench.plots.bokeh_chart import bokeh_chart, figures_of, legend_html
+from truewrench.plots.style import DARK, LIGHT
 from truewrench.workbench.page_update import with_field_names
-from truewrench.workbench.study_process import Cancelled, Done, Ended, Message, Progress, Refused, StudyProcess
+from truewrench.workbench.study_process import (
+    Cancelled,
+    Done,
+    Ended,
+    Message,
+    Progress,
+    Refused,
+    StudyProcess,
+    StudyThread,
+)
 from truewrench.workbench.uploads import UploadFolder
+
+if TYPE_CHECKING:
+    from diagnosis.study import Study
 
 ENDED = Refused("the computation ended unexpectedly", "workbench", "open the recording again")
 FILES = ("recordings", "validate", "rig", "map")
@@ -30,22 +43,34 @@ OPENING = ("open", "contact")
 LONGEST_REQUEST = 50_000
 """Characters."""
 MOST_WAITING = 20
+AS_IN_NOTEBOOK = 1000
+"""Milliseconds after which a page shows what its notebook did."""
 
 
 @dataclass(frozen=True)
 class Start:
-    """What a page opens by itself: paths of recordings and of a rig, as the command line gave them."""
+    """What a page opens by itself: paths of recordings and of a rig, as on the command line, or a notebook's study.
+
+    A study is worked on in this process, in which the notebook has it; recordings in one of their own.
+    """
 
     recordings: tuple[str, ...] = ()
     validate: tuple[str, ...] = ()
     rig: str | None = None
+    study: Study | None = None
 
     @property
     def request(self) -> dict[str, Any] | None:
         """The request that opens them; None for nothing."""
+        if self.study is not None:
+            return {"do": "shown"}
         if not self.recordings:
             return None
         return {"do": "open", "recordings": list(self.recordings), "validate": list(self.validate), "rig": self.rig}
+
+    def worker(self, receive: Callable[[Message], None]) -> StudyProcess | StudyThread:
+        """Who answers the requests of a page."""
+        return StudyProcess(receive) if self.study is None else StudyThread(receive, self.study)
 
 
 @dataclass(eq=False)
@@ -61,7 +86,7 @@ class Page:
     dark: bool = False
 
     def __post_init__(self) -> None:
-        self._process: StudyProcess | None = None
+        self._process: StudyProcess | StudyThread | None = None
         self._waiting: deque[dict[str, Any]] = deque()
         self._current: dict[str, Any] | None = None
         self._follow: dict[str, Any] | None = None
@@ -74,6 +99,19 @@ class Page:
         self._requests.on_change("data", self._asked)
         for root in (self._requests, self._answers, self._plots):
             self.document.add_root(root)
+        self._steps = self._steps_of_notebook
+        if self.start.study is not None:
+            self.document.add_periodic_callback(self._follow_notebook, AS_IN_NOTEBOOK)
+
+    @property
+    def _steps_of_notebook(self) -> object:
+        return None if self.start.study is None else self.start.study.steps
+
+    def _follow_notebook(self) -> None:
+        """Show the steps that a notebook made."""
+        if self._steps_of_notebook is not self._steps and self._current is None:
+            self._steps = self._steps_of_notebook
+            self._begin({"do": "shown"})
 
     # ------------------------------------------------------------------------------- from the browser
 
@@ -150,7 +188,7 @@ class Page:
             return
         self._current = self._waiting.popleft()
         if self._process is None:
-            self._process = StudyProcess(self._receive)
+            self._process = self.start.worker(self._receive)
         self._say(busy=True, progress="working", quiet=self._current is self._follow)
         try:
             self._process.ask(self._current)
@@ -182,6 +220,7 @@ class Page:
             self._say(progress=message.text)
             return
         was, self._current, self._stopping = self._current, None, False
+        self._steps = self._steps_of_notebook
         if isinstance(message, Done):
             if was is self._follow:
                 self._follow = None

@@ -179,18 +179,19 @@ class Upload(RequestHandler):
         self.finish(json.dumps({"wrong": str(error)}))
 
 
-HEADERS = {"Content-Security-Policy": "frame-ancestors 'none'", "Referrer-Policy": "no-referrer"}
-"""Of every answer: no other page shows ours in itself, which no `meta` of a page can say, nor learns the address."""
+NO_FRAME, FRAME_OF_NOTEBOOK = "'none'", "http://localhost:* http://127.0.0.1:* vscode-webview:"
+"""What may show our page in itself, which no `meta` of a page can say: nothing; notebooks of this machine."""
 
 
 @cache
 def _with_headers(handler: type[RequestHandler]) -> type[RequestHandler]:
-    """The handler, its answers with `HEADERS`."""
+    """The handler; its answers say who may show them in a frame, and no other page learns the address."""
 
     def set_default_headers(self: RequestHandler) -> None:
         handler.set_default_headers(self)
-        for name, value in HEADERS.items():
-            self.set_header(name, value)
+        application: Any = self.application
+        self.set_header("Content-Security-Policy", f"frame-ancestors {application.frames}")
+        self.set_header("Referrer-Policy", "no-referrer")
 
     return type(handler.__name__, (handler,), {"set_default_headers": set_default_headers})
 
@@ -216,6 +217,7 @@ class WorkbenchApplication(BokehTornado):
     """Bokeh's application behind the guard, with a bound on the number of pages."""
 
     guard: RequestGuard
+    frames: str
 
     def resources(self, absolute_url: str | bool | None = None) -> Resources:
         """Only the parts of BokehJS that the page uses: it paints sooner."""
@@ -316,6 +318,7 @@ class WorkbenchServer:
         extra = [("/upload", Upload, {"pages": self._uploads_of})]
         application = WorkbenchApplication.__new__(WorkbenchApplication)
         application.guard = self.guard
+        application.frames = NO_FRAME if self._start.study is None else FRAME_OF_NOTEBOOK
         application.__init__(  # type: ignore[misc]  # the guard answers from the first request on
             {"/": Application(FunctionHandler(self._open))},
             prefix=self.guard.token,
@@ -342,6 +345,7 @@ class WorkbenchServer:
         document.template = page_template()
         document.template_variables["page_key"] = key
         document.template_variables["opens"] = self._start.request is not None
+        document.template_variables["of_notebook"] = self._start.study is not None
         document.on_session_destroyed(lambda _context: self._close(key))
 
     def _close(self, key: str) -> None:

@@ -14,6 +14,7 @@ from diagnosis.screening.suspects import Suspects
 from diagnosis.study import Study, StudyStep, study_case
 from estimation.case import Case
 from estimation.contact.contact_wrench import ContactWrench, compensate
+from estimation.reading.column_map import ColumnMap
 from estimation.reading.log_reading import read_with_rig
 from modeling.errors import InputError, quoted
 from truewrench.emitted import emit
@@ -28,14 +29,25 @@ from truewrench.reports.report_html import diagnosis_report
 from truewrench.text.fit_summary import FitSummary
 from truewrench.workbench.custom_form import checked_words, effect_of_form
 from truewrench.workbench.page_update import Download, PageUpdate
-from truewrench.workbench.reading import Puzzle, ReadingForm, case_of, hidden_effect_of
+from truewrench.workbench.reading import (
+    Columns,
+    Puzzle,
+    ReadingForm,
+    case_of,
+    first_estimates,
+    hidden_effect_of,
+    map_data,
+    map_text,
+)
 from truewrench.workbench.separation import Separation, rig_template, separation_of
 from truewrench.workbench.study_charts import view_at_cell, view_of
 from truewrench.workbench.study_words import (
     StepLine,
+    columns_words,
     comparison_words,
     contact_words,
     discovery_words,
+    estimates_words,
     reading_words,
     separation_words,
     steps_words,
@@ -157,6 +169,13 @@ def _trajectory(separation: Separation | None) -> Download:
 NO_STUDY = {"what": "no recording is open", "where": "workbench", "remedy": "choose a recording first"}
 
 
+NO_FILES = {
+    "what": "a notebook gave the recordings, not their files",
+    "where": "workbench",
+    "remedy": "read them another way there, or open the files by truewrench workbench",
+}
+
+
 class StudyActions:
     """The study of a page, and what was learnt of its current model.
 
@@ -164,20 +183,23 @@ class StudyActions:
     ----------
     progress : callable
         Called with one line of text at each stage.
+    study : Study, optional
+        A study that is there already, as a notebook's; by default none until a recording is opened.
     """
 
-    def __init__(self, progress: Callable[[str], None]) -> None:
+    def __init__(self, progress: Callable[[str], None], study: Study | None = None) -> None:
         self._progress = progress
-        self._study: Study | None = None
-        self._case: Case | None = None
+        self._study = study
+        self._case = None if study is None else study.case
         self._puzzle: Puzzle | None = None
         self._form = ReadingForm()
         self._suspects: dict[int, Suspects] = {}
         self._diagnosis: Diagnosis | None = None
         self._discovery: Discovery | None = None
-        self._view = View()
+        self._view = View() if study is None else View.first(study)
         self._files: tuple[Sequence[str], Sequence[str], str | None] | None = None
         self._separation: Separation | None = None
+        self._unread: tuple[Sequence[str], Sequence[str], str | None, ReadingForm, Columns] | None = None
         self._line = StepLine()
 
     def answer(self, request: Mapping[str, Any]) -> PageUpdate:
@@ -199,7 +221,30 @@ class StudyActions:
     def open(self, request: Mapping[str, Any]) -> PageUpdate:
         """Read recordings, and begin a study of the rigid tool."""
         files = request["recordings"], request.get("validate", ()), request.get("rig")
-        return self._begin(*files, ReadingForm.of(request), None)
+        form = ReadingForm.of(request)
+        try:
+            return self._begin(*files, form, None)
+        except InputError as error:
+            columns = None if form.map or form.preset else Columns.of(files[0], error)
+            if columns is None or "recognised" not in error.what:
+                raise
+            self._unread = (*files, form, columns)
+            return PageUpdate({"columns": columns_words(columns)})
+
+    def pick(self, request: Mapping[str, Any]) -> PageUpdate:
+        """Open the files whose columns the page's form names, or with `only` say what a rigid tool says of them."""
+        training, validation, rig, form, _ = self._not_recognised()
+        data = map_data(request)
+        if request.get("only"):
+            self._progress("fit the rigid tool to each form")
+            return PageUpdate({"estimates": estimates_words(first_estimates(training, rig, form, data))})
+        stated = ColumnMap.of(data, "columns")
+        return self._begin(training, validation, rig, replace(form, map=stated), None)
+
+    def _not_recognised(self) -> tuple[Sequence[str], Sequence[str], str | None, ReadingForm, Columns]:
+        if self._unread is None:
+            raise InputError(**NO_STUDY)
+        return self._unread
 
     def read(self, request: Mapping[str, Any]) -> PageUpdate:
         """Read the same recordings as a reading that is proposed has it; with an empty one, take them as they are."""
@@ -208,8 +253,12 @@ class StudyActions:
 
     def _opened(self) -> tuple[Sequence[str], Sequence[str], str | None]:
         if self._files is None:
-            raise InputError(**NO_STUDY)
+            raise InputError(**(NO_STUDY if self._study is None else NO_FILES))
         return self._files
+
+    def shown(self, _request: Mapping[str, Any]) -> PageUpdate:
+        """Show the study that is there, at the step that it is at."""
+        return self._changed("as in the notebook", self._words_of_study())
 
     def puzzle(self, request: Mapping[str, Any]) -> PageUpdate:
         """Simulate a rig with a hidden effect, and begin a study of its recordings."""
@@ -241,15 +290,17 @@ class StudyActions:
         self._suspects, self._diagnosis, self._view, self._separation = {}, None, View.first(begun), None
         self._files, self._form = (tuple(training), tuple(validation), rig), form
         self._line = StepLine()
-        return self._changed(
-            "rigid tool",
-            {
-                "sketch-style": style_words(),
-                "reading": reading_words(case),
-                "vocabulary": vocabulary_words(begun),
-                "custom-result": "",
-            },
-        )
+        return self._changed("rigid tool", self._words_of_study())
+
+    def _words_of_study(self) -> dict[str, str]:
+        return {
+            "columns": "",
+            "estimates": "",
+            "sketch-style": style_words(),
+            "reading": "" if self._case is None else reading_words(self._case),
+            "vocabulary": vocabulary_words(self.study),
+            "custom-result": "",
+        }
 
     # ------------------------------------------------------------------------------------ what to see
 
@@ -386,11 +437,13 @@ class StudyActions:
 
     def download(self, request: Mapping[str, Any]) -> PageUpdate:
         """A file to save."""
+        if request.get("file") == "map":
+            return PageUpdate(download=Download("map.toml", "application/toml", map_text(map_data(request)).encode()))
         step: StudyStep = self.study.steps[-1]
         asked, pose = str(request.get("file")), str(request.get("sensor_pose") or "")
         if asked.startswith(("report", "equation")):
             self._progress("write the report")
-        training, validation, rig = self._opened()
+        training, validation, rig = self._files or ((), (), None)
         files = [*training, *validation, *([] if rig is None else [rig])]
         download = download_of(asked, step, self._case, self._diagnosis, files, self._separation, pose, self._discovery)
         return PageUpdate(download=download)
@@ -405,8 +458,8 @@ def separation_update(separation: Separation) -> PageUpdate:
 ACTIONS: Mapping[str, Callable[[StudyActions, Mapping[str, Any]], PageUpdate]] = {
     name: getattr(StudyActions, name)
     for name in (
-        "open", "read", "puzzle", "reveal", "view", "cell", "suspects", "add", "custom", "check", "drop", "undo",
-        "redo", "diagnose", "discover", "adopt", "compare", "contact", "separate", "download",
+        "open", "pick", "shown", "read", "puzzle", "reveal", "view", "cell", "suspects", "add", "custom", "check",
+        "drop", "undo", "redo", "diagnose", "discover", "adopt", "compare", "contact", "separate", "download",
     )
 }  # fmt: skip
 """What the page can ask for."""

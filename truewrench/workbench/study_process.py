@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import signal
 import sys
@@ -12,9 +13,11 @@ from dataclasses import dataclass
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
-from threading import Thread
+from queue import SimpleQueue
+from threading import Lock, Thread
 from typing import Any
 
+from diagnosis.study import Study
 from modeling.errors import InputError
 from truewrench.workbench.study_actions import StudyActions
 
@@ -158,6 +161,66 @@ class StudyProcess:
                 self._receive(message)
 
 
+class StudyThread:
+    """Who answers the requests of a page about a study of this process, as `StudyProcess` does from another.
+
+    Parameters
+    ----------
+    receive : callable
+        Called with each message, in the thread.
+    study : Study
+        Of a notebook, which goes on with it.
+    """
+
+    def __init__(self, receive: Callable[[Message], None], study: Study) -> None:
+        self._receive, self._lock, self._working = receive, Lock(), False
+        self._requests: SimpleQueue[Request | None] = SimpleQueue()
+        self._thread = Thread(target=self._run, args=(study,), daemon=True)
+        self._thread.start()
+
+    def ask(self, request: Request) -> None:
+        """Send a request; its messages follow."""
+        self._requests.put(request)
+
+    def cancel(self) -> None:
+        """Cancel what is under way, as soon as a function of Python is called or a loop goes on."""
+        with self._lock:
+            if self._working:
+                self._raise(CancelRequest)
+
+    def end(self) -> Thread:
+        """Cancel, and end the thread."""
+        self._requests.put(None)
+        self.cancel()
+        return self._thread
+
+    def _raise(self, error: type[BaseException] | None) -> None:
+        """Raise in the thread; nothing takes back what was not raised yet."""
+        raised = None if error is None else ctypes.py_object(error)
+        ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(self._thread.ident or 0), raised)
+
+    def _run(self, study: Study) -> None:
+        actions = StudyActions(lambda text: self._receive(Progress(text)), study)
+        while (request := self._requests.get()) is not None:
+            self._receive(self._answered(actions, request))
+
+    def _answered(self, actions: StudyActions, request: Request) -> Message:
+        try:
+            with self._lock:
+                self._working = True
+            message = _message(actions, request)
+            self._rest()
+        except CancelRequest:  # as the answer was there
+            self._rest()
+            return Cancelled()
+        return message
+
+    def _rest(self) -> None:
+        with self._lock:
+            self._working = False
+            self._raise(None)
+
+
 # ------------------------------------------------------------------------------------- in the process itself
 
 
@@ -219,6 +282,15 @@ def _is_being_cancelled(error: BaseException | None) -> bool:
 
 def _answer(actions: Any, request: Request, busy: list[bool]) -> Message:
     try:
+        return _message(actions, request, busy)
+    finally:
+        if CANCEL is not None:
+            signal.setitimer(signal.ITIMER_REAL, 0)
+
+
+def _message(actions: Any, request: Request, busy: list[bool] | None = None) -> Message:
+    busy = [False] if busy is None else busy
+    try:
         busy[0] = True
         try:
             answer = actions.answer(request)
@@ -236,6 +308,3 @@ def _answer(actions: Any, request: Request, busy: list[bool]) -> Message:
         where = f"{Path(place.filename).name}, line {place.lineno}"
         what = f"internal error of truewrench, {type(error).__name__}: {error}"
         return Refused(what, where, "report it with the recording")
-    finally:
-        if CANCEL is not None:
-            signal.setitimer(signal.ITIMER_REAL, 0)

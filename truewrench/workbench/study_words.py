@@ -47,6 +47,7 @@ from truewrench.text.fit_summary import agreement_text
 from truewrench.text.tool_text import axes_sentence, tool_text
 from truewrench.workbench.effect_estimates import effect_sizes, weakness
 from truewrench.workbench.page_update import PLACES, with_field_names
+from truewrench.workbench.reading import ORIENTATIONS, QUANTITIES, UNIT_KINDS, Columns, units_of
 from truewrench.workbench.separation import rig_template, undesignable
 
 if TYPE_CHECKING:
@@ -249,6 +250,19 @@ def reading_words(case: Case) -> str:
         recordings=[_recording_values(r, use) for r, use in several],
         sentences=frame_sentences(case),
         readings=case.readings,
+    )
+
+
+def columns_words(columns: Columns) -> str:
+    """The form in which the columns of a log that is not recognised are chosen."""
+    units = {kind: units_of(kind) for kind in UNIT_KINDS}
+    return part("reading.html", columns=columns, quantities=QUANTITIES, orientations=ORIENTATIONS, units=units)
+
+
+def estimates_words(estimates: Sequence[tuple[str, str]]) -> str:
+    """What a rigid tool says of a log for each form of its orientation."""
+    return Markup("<ul>{}</ul>").format(
+        Markup("").join(Markup("<li><strong>{}</strong> {}</li>").format(name, words) for name, words in estimates)
     )
 
 

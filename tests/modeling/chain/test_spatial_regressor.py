@@ -18,6 +18,7 @@ from modeling.chain.model import spatial
 from modeling.chain.regressor import regressor
 from modeling.compiled.symbolic_vector import numpy_function
 from modeling.rig import Convention, Rig, SensorDescription
+from tests.shared.rigs import FULL_INERTIA
 
 Array = NDArray[np.float64]
 
@@ -110,5 +111,4 @@ def test_wrench_is_mujocos(states: tuple[Rotation, Array, Array, Array], phi: Ar
         data.qacc[:3], data.qacc[3:] = acceleration, alpha
         mujoco.mj_inverse(model, data)
         felt.append(data.sensordata.copy())
-    # rounding on forces of order 100 N
-    np.testing.assert_allclose(phi @ theta, np.array(felt) + theta[:6], atol=1e-10)
+    np.testing.assert_allclose(phi @ theta, np.array(felt) + theta[:6], atol=FULL_INERTIA)

@@ -21,7 +21,7 @@ import truewrench as tw
 from modeling.table import Table
 from tests.shared.recordings import drag_and_leak
 from tests.shared.results import RESULTS, fitted
-from truewrench.plots.bokeh_chart import DARK, SYMBOLS, bokeh_chart, figures_of, legend_html, log_ticks
+from truewrench.plots.bokeh_chart import SYMBOLS, bokeh_chart, figures_of, legend_html, log_ticks
 from truewrench.plots.chart import (
     Array,
     Band,
@@ -38,6 +38,7 @@ from truewrench.plots.chart import (
 from truewrench.plots.interactive_figure import InteractiveFigure
 from truewrench.plots.matplotlib_chart import draw_on, matplotlib_figure, typeset
 from truewrench.plots.result_figure import FIGURES, PAGES, _sides, result_chart
+from truewrench.plots.style import DARK
 from truewrench.plots.svg_image import Drawing
 from truewrench.plots.time_series_plot import nonperiodic_residual_figure, worst_channel, worst_channel_figure
 

@@ -15,9 +15,10 @@ from hypothesis import strategies as st
 import truewrench as tw
 from tests.shared.results import fitted
 from tests.truewrench.workbench.browser import browser
-from truewrench.plots.bokeh_chart import DARK, LIGHT, bokeh_chart, figures_of
+from truewrench.plots.bokeh_chart import bokeh_chart, figures_of
 from truewrench.plots.chart import Band, Chart, Line, Panel, Points
 from truewrench.plots.interactive_figure import MOST_VALUES, InteractiveFigure, shared_columns
+from truewrench.plots.style import DARK, LIGHT
 
 X = np.array([1.0, 2.0])
 

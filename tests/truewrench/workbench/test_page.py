@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import gzip
 from collections.abc import Iterator
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from threading import Thread
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
-from tests.truewrench.workbench.browser import browser, idle, ready, workbench
+import truewrench as tw
+from tests.truewrench.workbench.browser import WAIT, browser, idle, ready, workbench
 from tests.truewrench.workbench.requests import answer
 from truewrench.files import demonstration
 from truewrench.simulated_rig import PlanarRig, simulate, write_recording
@@ -243,6 +247,50 @@ def test_what_has_no_name_is_looked_for_and_added(opened: Browser, tmp_path: Pat
         page.wait_for_selector('button[aria-label="drop found_1"]')
         assert "The model fits" in text(page, "steps")
         assert not text(page, "verdict")
+
+
+@pytest.mark.long(seconds=12)
+def test_a_notebook_and_its_page_have_one_study(opened: Browser, recordings: Path) -> None:
+    """What is added in the frame is a step of the study, and what the study undoes is undone in the frame."""
+    study = tw.study(recordings / "rig.toml", recordings / "train.csv", validate=recordings / "validate.csv")
+    shown = study.show()
+    with notebook(shown._repr_html_()) as address:
+        page = opened.new_page(viewport={"width": 1000, "height": 850})
+        page.set_default_timeout(WAIT)
+        page.on("console", lambda line: pytest.fail(line.text) if line.type == "error" else None)
+        page.goto(address)
+        frame = page.frame_locator("iframe")
+        frame.locator('button[data-do="add"][data-effect="viscous_drag"]').first.click()
+        frame.locator('button[data-do="drop"][data-effect="viscous_drag"]').wait_for()
+        assert study.effects == ("viscous_drag",)
+        frame.locator("body[data-busy=false]").wait_for()
+        study.undo()
+        frame.locator('button[data-do="redo"]:not([disabled])').click()
+        frame.locator('button[data-do="drop"][data-effect="viscous_drag"]').wait_for()
+        assert study.effects == ("viscous_drag",)
+        assert frame.locator("#chooser").is_hidden()
+        page.close()
+    shown.close()
+
+
+@contextmanager
+def notebook(frame: str) -> Iterator[str]:
+    """Address of a page of another server of this machine, with a frame in it."""
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            self.send_response(200)
+            self.send_header("Content-Type", "text/html; charset=utf-8")
+            self.end_headers()
+            self.wfile.write(f'<link rel="icon" href="data:,">{frame}'.encode())
+
+        def log_message(self, *_: object) -> None:
+            """Say nothing."""
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
+        Thread(target=server.serve_forever, daemon=True).start()
+        yield f"http://localhost:{server.server_port}/"
+        server.shutdown()
 
 
 def _open(page: Page, file: Path, rig: Path | None = None) -> str:

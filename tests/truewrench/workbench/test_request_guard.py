@@ -13,6 +13,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
+from tests.shared.results import RESULTS
 from tests.truewrench.workbench.requests import answer, answered
 from truewrench.workbench.server import MOST_PAGES
 
@@ -81,6 +82,26 @@ def test_every_answer_refuses_frames_and_referrers(address: str, path: str) -> N
     response, _ = answered(address, path)
     assert response.headers["Content-Security-Policy"] == "frame-ancestors 'none'"
     assert response.headers["Referrer-Policy"] == "no-referrer"
+
+
+def test_only_notebooks_of_this_machine_show_a_study_in_a_frame() -> None:
+    """Guarded as any page; when it is closed, nobody answers."""
+    shown = RESULTS["study"]().show(500)
+    response, text = answered(shown.address)
+    frames = response.headers["Content-Security-Policy"].split()
+    assert (response.status, frames[0]) == (200, "frame-ancestors")
+    assert {urlsplit(allowed).hostname for allowed in frames[1:]} == {"localhost", "127.0.0.1", None}
+    assert frames[-1] == "vscode-webview:"
+    assert '<details id="chooser" hidden>' in text
+    assert answer(shown.address, "/")[0] == 403
+    assert f'<iframe src="{shown.address}"' in shown._repr_html_()
+    assert "height: 500px" in shown._repr_html_()
+    assert shown.address in repr(shown)
+    shown.close()
+    assert "<iframe" not in shown._repr_html_()
+    assert shown.address not in repr(shown)
+    with pytest.raises(ConnectionRefusedError):
+        answer(shown.address)
 
 
 def test_no_log_holds_the_token(address: str, caplog: pytest.LogCaptureFixture) -> None:

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
+import truewrench as tw
 from design.limits import arm_and_limits
 from modeling.errors import InputError
 from modeling.rig import Rig
 from tests.truewrench.workbench.requests import opening
 from truewrench.workbench.page_update import PageUpdate
+from truewrench.workbench.reading import ORIENTATIONS
 from truewrench.workbench.study_actions import StudyActions
 
 pytest.importorskip("mujoco")
@@ -40,6 +45,86 @@ def asked(actions: StudyActions, do: str, **values: Any) -> PageUpdate:
     return actions.answer({"do": do, **values})
 
 
+PICKED = {
+    "fx": "k1", "fy": "k2", "fz": "k3", "tx": "k4", "ty": "k5", "tz": "k6", "time": "t", "o1": "g1", "o2": "g2",
+    "o3": "g3", "unit_angle": "deg", "orientation": "euler ZYX",
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def odd_log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A mass of 1.3 kg at the sensor's origin, turned about it; by names that say nothing, angles in degrees."""
+    t, rng = np.arange(1500) / 100, np.random.default_rng(4)
+    angles = np.column_stack([0.9 * np.sin(0.7 * t + 1), 0.8 * np.sin(1.1 * t), 0.9 * np.sin(0.9 * t + 2)])
+    weight = Rotation.from_euler("ZYX", angles).inv().apply([0.0, 0.0, -1.3 * 9.806])
+    wrench = np.column_stack([weight, np.zeros((len(t), 3))])
+    wrench += rng.standard_normal((len(t), 6)) * np.repeat([0.05, 3e-3], 3)
+    path = tmp_path_factory.mktemp("odd") / "odd.csv"
+    header = "t,k1,k2,k3,k4,k5,k6,g1,g2,g3"
+    np.savetxt(path, np.column_stack([t, wrench, np.degrees(angles)]), delimiter=",", header=header, comments="")
+    return path
+
+
+def test_columns_that_are_not_recognised_are_chosen(odd_log: Path) -> None:
+    """What was chosen is kept as a map, by which Python reads the same recording."""
+    actions = StudyActions(lambda _text: None)
+    words = asked(actions, "open", recordings=[str(odd_log)]).words
+    assert [*words] == ["columns"]
+    assert '<option value="k1">k1 (' in words["columns"]
+    assert "no wrench is recognised" in words["columns"]
+    saved = asked(actions, "download", file="map", **PICKED).download
+    assert saved is not None
+    assert asked(actions, "pick", **PICKED).words["columns"] == ""
+    (recording,) = actions.study.fit.recordings
+    path = odd_log.with_name(saved.name)
+    path.write_bytes(saved.content)
+    np.testing.assert_array_equal(tw.read(odd_log, map=path).wrench, recording.wrench)
+    mass = actions.study.fit.parameters["m"]
+    assert abs(mass.value - 1.3) < 5 * mass.std  # one in a million
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"fy": "k1"}, "'k1' is both"),
+        ({"o3": ""}, "'orientation_columns' has 2 columns"),
+        ({"orientation": "xyzw"}, "3 columns of orientation are no quaternion"),
+        ({"fx": "none"}, "there is no column 'none'"),
+        ({"unit_angle": "mm"}, "is not known"),
+        (dict.fromkeys(PICKED, ""), "no wrench is recognised"),
+    ],
+    ids=str,
+)
+def test_columns_that_cannot_be_are_refused(odd_log: Path, changed: dict[str, str], said: str) -> None:
+    actions = StudyActions(lambda _text: None)
+    asked(actions, "open", recordings=[str(odd_log)])
+    with pytest.raises(InputError, match=re.escape(said)):
+        asked(actions, "pick", **(PICKED | changed))
+
+
+def test_columns_are_asked_for_only_where_there_are_any(tmp_path: Path) -> None:
+    """Nothing is to be chosen of what is no table, nor before a file was refused."""
+    (tmp_path / "text.csv").write_text("hello\n", encoding="utf-8")
+    actions = StudyActions(lambda _text: None)
+    with pytest.raises(InputError):
+        asked(actions, "open", recordings=[str(tmp_path / "text.csv")])
+    with pytest.raises(InputError, match="no recording is open"):
+        asked(actions, "pick", **PICKED)
+
+
+@pytest.mark.long(seconds=6)
+def test_first_estimates_tell_the_forms_of_an_orientation_apart(odd_log: Path) -> None:
+    """XYZ is the same to the weight of a base on its side, and comes second."""
+    actions = StudyActions(lambda _text: None)
+    asked(actions, "open", recordings=[str(odd_log)])
+    text = asked(actions, "pick", only="1", **(PICKED | {"orientation": "rotation_vector"})).words["estimates"]
+    forms = re.findall("<strong>(.*?)</strong>", text)
+    assert forms[:2] == ["euler ZYX", "euler XYZ"]
+    assert ["gravity_direction" in line for line in text.split("</li>")[:2]] == [False, True]
+    assert set(forms) == {form for form in ORIENTATIONS if "wxyz" not in form and "xyzw" not in form}
+    assert "m = 1.3" in text.split("</li>")[0]
+
+
 def test_the_loop_by_hand(actions: StudyActions) -> None:
     asked(actions, "suspects")
     added = asked(actions, "add", effect="viscous_drag")
@@ -51,7 +136,8 @@ def test_the_loop_by_hand(actions: StudyActions) -> None:
 
 @pytest.mark.parametrize("view", ["time", "map", "stairs", "spectrum"])
 def test_every_view_is_drawn(actions: StudyActions, view: str) -> None:
-    from truewrench.plots.bokeh_chart import DARK, bokeh_chart, figures_of, legend_html
+    from truewrench.plots.bokeh_chart import bokeh_chart, figures_of, legend_html
+    from truewrench.plots.style import DARK
 
     chart = asked(actions, "view", view=view).charts["plots"]
     assert len(figures_of(bokeh_chart(chart, DARK))) == len(chart.panels)

@@ -1,9 +1,18 @@
-"""The process of a page is cancelled wherever it is, also where Python drops exceptions."""
+"""The process of a page is cancelled wherever it is, also where Python drops exceptions; so is a notebook's thread."""
 
 from __future__ import annotations
 
 import subprocess
 import sys
+from queue import SimpleQueue
+from time import monotonic, sleep
+from typing import Any
+
+import numpy as np
+import pytest
+
+from truewrench.workbench import study_process
+from truewrench.workbench.study_process import Cancelled, Done, Message, StudyThread
 
 BEGINNING = """
 import os, signal, time
@@ -66,6 +75,40 @@ def test_what_cleans_up_after_a_cancellation_is_let_finish() -> None:
 
 def test_work_that_fails_before_it_is_cancelled_says_so() -> None:
     assert _run(FAILED).stdout.strip().endswith("slow to say what is wrong")
+
+
+def test_a_thread_answers_once_whenever_it_is_cancelled(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Cancellations come before and after the end of the work, many within a millisecond of it."""
+
+    class Actions:
+        def __init__(self, *_: Any) -> None: ...
+
+        def answer(self, request: dict[str, float]) -> float:
+            deadline = monotonic() + request["seconds"]
+            while monotonic() < deadline:
+                pass
+            return request["seconds"]
+
+    monkeypatch.setattr(study_process, "StudyActions", Actions)
+    messages: SimpleQueue[Message] = SimpleQueue()
+    thread = StudyThread(messages.put, None)  # type: ignore[arg-type]  # the actions have no study
+    rng, found = np.random.default_rng(3), []
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-4)
+    for _ in range(80):
+        thread.ask({"seconds": 0.005})
+        sleep(rng.uniform(0.0, 0.01))
+        thread.cancel()
+        found.append(messages.get(timeout=10))
+    sys.setswitchinterval(before)
+    thread.ask({"seconds": 0.0})
+    assert messages.get(timeout=10) == Done(0.0)
+    assert messages.empty()
+    assert {type(message) for message in found} == {Done, Cancelled}
+    thread.ask({"seconds": 60.0})
+    sleep(0.02)
+    thread.end().join(10)
+    assert isinstance(messages.get(timeout=10), Cancelled)
 
 
 def _run(program: str) -> subprocess.CompletedProcess[str]:

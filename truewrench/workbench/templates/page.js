@@ -58,6 +58,7 @@
       if (focused) [...where.querySelectorAll("button")].find((b) => (b.getAttribute("aria-label") || b.textContent) === focused)?.focus({ preventScroll: true });
       if (id === "view") press(where.querySelector("[data-shown]")?.dataset.shown || "");
       if (id === "reading") opened();
+      if (id === "columns" && html) { place("chooser").open = true; where.scrollIntoView({ block: "start" }); }
       if (id === "view" && where.querySelector('[data-shown="trajectory"]')) place("trajectory").hidden = false;
       if (id === "reading") place("trajectory").hidden = true;
     }
@@ -91,7 +92,7 @@
   const act = (button) => {
     const { do: name, ...rest } = button.dataset;
     const request = { ...fields(button), ...rest, do: name };
-    if (["open", "puzzle"].includes(name) && steps() && (name !== "open" || chosen.recordings.length)
+    if ((["open", "puzzle"].includes(name) || (name === "pick" && !rest.only)) && steps() && (name !== "open" || chosen.recordings.length)
       && !confirm(`If this can be read, it replaces the study that is open, with its ${steps()} ${steps() > 1 ? "steps" : "step"}. Go on?`))
       return notice("Not opened; the study is as before.");
     pressed = { do: name, effect: rest.effect };
@@ -161,7 +162,8 @@
   for (const kind of ["dragover", "dragleave", "drop"]) drop.addEventListener(kind, (event) => { event.preventDefault(); drop.classList.toggle("over", kind === "dragover"); });
   drop.addEventListener("drop", async (event) => { for (const file of event.dataTransfer.files) await upload(file, file.name.endsWith(".toml") ? "rig" : "recordings"); });
 
-  addEventListener("beforeunload", (event) => { if (steps()) event.preventDefault(); });  // the study goes with the page
+  // The study goes with the page, a notebook's does not.
+  addEventListener("beforeunload", (event) => { if (steps() && !place("chooser").hidden) event.preventDefault(); });
 
   // --------------------------------------------------------------------------------------- connection
   const model = (name) => window.Bokeh && Bokeh.documents.length ? Bokeh.documents[0].get_model_by_name(name) : null;
