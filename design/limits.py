@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.clearance import clearances
+from design.joint_torque import joint_torques
 from design.trajectories.trajectory import Array, Trajectory, TrajectorySeries, grid_bound
 from modeling.errors import InputError
 from modeling.kinematics.arm import Arm, PlanarArm, SpatialArm
@@ -108,8 +109,8 @@ LIMITED_DERIVATIVES = {"position": "", "velocity": "/s", "acceleration": "/s²",
 class LimitedQuantity:
     """The range of one quantity of one joint (or of one coordinate of the tip), and its limits, in `unit`.
 
-    quantity is position, velocity, acceleration, jerk, workspace or clearance; name is q1 .. qn, x, y or z of the tip,
-    or what is kept apart.
+    quantity is position, velocity, acceleration, jerk, torque, workspace or clearance; name is q1 .. qn, x, y or z of
+    the tip, or what is kept apart.
     """
 
     quantity: str
@@ -129,6 +130,13 @@ class LimitedQuantity:
         """The nearest limit, "low" or "high"."""
         below, above = self._uses
         return "low" if below > above else "high"
+
+    @property
+    def excess(self) -> str:
+        """The nearest limit, and by how much it is passed."""
+        by = self.limit[0] - self.low if self.side == "low" else self.high - self.limit[1]
+        number = f"{by:.2g}" if abs(by) < 100 else f"{by:.0f}"
+        return f"the {self.side} limit of the {self.quantity} of {self.name} by {number} {self.unit}"
 
     @property
     def _uses(self) -> tuple[float, float]:
@@ -179,7 +187,8 @@ class LimitUse(Tabular):
             raise InputError(what=what, where="limits", remedy="give the limits of the trajectory's arm")
         _require_intervals(motion.joints, limits, workspace)
         tip = _tip(motion, workspace, arm, tip_length)
-        return cls(limited_quantities=(*_joints(motion, limits, arm), *tip, *_apart(motion, limits, workspace, arm)))
+        apart, torques = _apart(motion, limits, workspace, arm), _torques(motion, limits, arm)
+        return cls(limited_quantities=(*_joints(motion, limits, arm), *torques, *tip, *apart))
 
     @cached_property
     def worst(self) -> LimitedQuantity:
@@ -188,7 +197,7 @@ class LimitUse(Tabular):
 
     @cached_property
     def by_quantity(self) -> Mapping[str, LimitedQuantity]:
-        """The largest use of each limited quantity, in the order of `LIMITED_DERIVATIVES`, then the workspace."""
+        """The largest use of each: of `LIMITED_DERIVATIVES` in their order, then torque, workspace, clearance."""
         names = dict.fromkeys(limited.quantity for limited in self.limited_quantities)
         return {n: max((x for x in self.limited_quantities if x.quantity == n), key=lambda x: x.use) for n in names}
 
@@ -216,7 +225,9 @@ class LimitUse(Tabular):
 
 def _require_intervals(joints: int, limits: Limits, workspace: Workspace | None) -> None:
     """InputError unless every limit is finite with low below high: use is a share of the interval's half width."""
-    pairs = {name: np.asarray(pair) for name, pair in vars(limits).items() if pair is not None}
+    pairs = {name: np.asarray(pair) for name, pair in limits.pairs.items()}
+    if limits.torque is not None:
+        pairs["torque"] = np.asarray(limits.torque.allowed)
     sides = {} if workspace is None else workspace.sides
     given = pairs | {name: np.array([side]) for name, side in sides.items()}
     for name, pair in given.items():
@@ -227,15 +238,22 @@ def _require_intervals(joints: int, limits: Limits, workspace: Workspace | None)
 
 
 def _joints(motion: Trajectory, limits: Limits, arm: Arm | None) -> Iterator[LimitedQuantity]:
-    pairs = (limits.position, limits.velocity, limits.acceleration, limits.jerk)
     names = [f"q{j}" for j in range(1, motion.joints + 1)]
-    for order, ((quantity, per), pair) in enumerate(zip(LIMITED_DERIVATIVES.items(), pairs, strict=True)):
-        if pair is not None:
+    for order, (quantity, per) in enumerate(LIMITED_DERIVATIVES.items()):
+        if quantity in limits.pairs:
             if order > motion.series.smoothness:
                 what = f"{quantity} is limited, and that of this series is not finite: {motion.series}"
                 raise InputError(what=what, where="limits", remedy="take a smoother series, or leave out the limit")
             units = [unit + per for unit in joint_units(arm, motion.joints)]
-            yield from _limited_quantities(quantity, names, units, motion.enclosure(order), pair)
+            yield from _limited_quantities(quantity, names, units, motion.enclosure(order), limits.pairs[quantity])
+
+
+def _torques(motion: Trajectory, limits: Limits, arm: Arm | None) -> Iterator[LimitedQuantity]:
+    """The joints' torques, Coulomb's friction either way included."""
+    loads = joint_torques(limits, arm)
+    if loads is not None:
+        ends = loads.enclosure(motion)
+        yield from _limited_quantities("torque", loads.names, loads.units, ends, loads.limits.allowed)
 
 
 def _tip(

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from design.limits import LimitedQuantity, LimitUse
+from design.optimiser.limit_constraints import LimitedMeasures
 from design.trajectories.trajectory import Array, Trajectory, TrajectorySeries
 from modeling.errors import InputError
 from modeling.kinematics.arm import Arm
@@ -17,7 +18,10 @@ LIMIT_MARGIN = 1e-9
 SCALE_BISECTIONS = 12
 """Bisections between a feasible and an infeasible scale: to 2.4e-4 of the interval."""
 POSTURE_TRIALS = 200
-"""Random postures tried: a workspace that holds a twentieth of them is missed once in 28 000 times."""
+"""Random postures tried at once: a workspace that holds a twentieth of them is missed once in 28 000 times."""
+MOST_TRIALS = 10
+"""Times that so many are tried until one is within the limits: one that holds a two-hundredth is missed once in 22 000
+times."""
 POSTURE_CANDIDATES = 8
 """Feasible postures of which the one that uses its limits least is taken: random, and seldom at the boundary of the
 workspace."""
@@ -48,7 +52,8 @@ def random_feasible_trajectory(
         return LimitUse.of(Trajectory(series, coefficients), limits, workspace, arm, tip_length).worst
 
     rng = np.random.default_rng(seed)
-    posture = _static_posture(series, limits, used, rng)
+    measures = LimitedMeasures.of(limits, workspace, arm, tip_length)
+    posture = _static_posture(series, limits, measures, used, rng)
     moving = _draw(series, rng)
     moving *= _factors(series, limits, posture, moving) * (1 - LIMIT_MARGIN)
     whole = used(posture + moving).use <= 1
@@ -77,31 +82,44 @@ def _factors(series: TrajectorySeries, limits: Limits, posture: Array, moving: A
 
 
 def _static_posture(
-    series: TrajectorySeries, limits: Limits, used: Callable[[Array], LimitedQuantity], rng: np.random.Generator
+    series: TrajectorySeries,
+    limits: Limits,
+    measures: Sequence[LimitedMeasures],
+    used: Callable[[Array], LimitedQuantity],
+    rng: np.random.Generator,
 ) -> Array:
     """Coefficients of the static posture in the middle of the limits, or of the least limit use among a few."""
     low, high = limits.position.T
-    tried = [series.rest((low + high) / 2)]
-    if used(tried[0]).use <= 1:
-        return tried[0]
-    tried += [series.rest(rng.uniform(low, high)) for _ in range(POSTURE_TRIALS)]
-    worst = map(used, tried)
-    feasible, nearest = list[tuple[float, Array]](), list[LimitedQuantity]()
-    for static, at in zip(tried, worst, strict=False):
-        nearest.append(at)
+    middle = series.rest((low + high) / 2)
+    nearest = used(middle)
+    if nearest.use <= 1:
+        return middle
+    for _ in range(MOST_TRIALS):
+        tried = [series.rest(rng.uniform(low, high)) for _ in range(POSTURE_TRIALS)]
+        use = _static_use(series, limits, measures, np.array(tried))
+        feasible = np.flatnonzero(use <= 1)[:POSTURE_CANDIDATES]
+        best = tried[feasible[use[feasible].argmin()] if len(feasible) else use.argmin()]
+        at = used(best)
         if at.use <= 1:
-            feasible.append((at.use, static))
-        if len(feasible) == POSTURE_CANDIDATES:
-            break
-    if not feasible:
-        limit = min(nearest, key=lambda at: at.use)
-        raise InputError(
-            what="no posture was found at which the series can be static within the position limits and the workspace:"
-            f" the nearest of {len(nearest)} is beyond the {limit.side} limit of the {limit.quantity} of {limit.name}",
-            where="limits",
-            remedy="widen that limit, or use a series with an offset",
-        )
-    return min(feasible, key=lambda pair: pair[0])[1]
+            return best
+        nearest = min(nearest, at, key=lambda limited: limited.use)
+    raise InputError(
+        what="no posture was found at which the series can be static within the limits: the nearest of"
+        f" {1 + MOST_TRIALS * POSTURE_TRIALS} is beyond {nearest.excess}",
+        where="limits",
+        remedy="widen that limit, or use a series with an offset",
+    )
+
+
+def _static_use(series: TrajectorySeries, limits: Limits, measures: Sequence[LimitedMeasures], tried: Array) -> Array:
+    """(P,): the largest use of a limit in static postures by their coefficients (P, k)."""
+    q = np.array([series.evaluate(static, np.zeros(1), 0)[0] for static in tried])
+    low, high = limits.position.T
+    shares = [np.abs(q - (low + high) / 2) / ((high - low) / 2)]
+    for of in measures:
+        motion = [q, *(np.zeros_like(q) for _ in range(of.derivatives - 1))]
+        shares.append(np.abs(of.values(*motion) - of.middle) / of.half)
+    return np.asarray(np.hstack(shares).max(axis=1))
 
 
 def _largest_feasible(feasible: Callable[[float], bool]) -> float:

@@ -171,7 +171,7 @@ class InteriorPoint:
         before, length, tried = point.barrier(mu), _longest(point.slack, change), 0
         while length > SHORTEST_STEP:
             z = point.z + length * step
-            slack = point.slack + length * change if self.limits.places is None else self.limits.slack(z)
+            slack = point.slack + length * change if not self.limits.bent else self.limits.slack(z)
             if slack.min() > 0:
                 tried += 1
                 dual = point.dual + _longest(point.dual, dual_step) * dual_step

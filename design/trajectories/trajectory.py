@@ -231,22 +231,26 @@ PIECE_INSET = 1e-12
 """Inset of a piece's first and last point, as a share of the duration, so that they are on its side of a jump."""
 
 
-def grid_bound(values: Callable[[Array], Array], second: Array, breaks: Array) -> tuple[Array, Array]:
+def grid_bound(
+    values: Callable[[Array], Array], second: Array, breaks: Array, margin: Array | None = None
+) -> tuple[Array, Array]:
     """Bounds low (n,) and high (n,) of functions `values` (time (N,) to (N, n)) between the first and the last break.
 
     Between two points h apart a function differs from its chord by at most h²/8 times the largest absolute value of
     its second derivative there (the error of linear interpolation), and the chord stays between its ends. `second`
     (P, n) bounds that derivative in each of the P pieces between the breaks (P + 1,), where the functions and their
-    derivatives may jump; the grid is as fine in each piece as makes the margin `TIGHTNESS` of the half range.
+    derivatives may jump; the grid is as fine in each piece as makes this at most `margin` (n,), `TIGHTNESS` of the
+    half range unless given.
     """
-    coarse = values(_grid(breaks, np.full(len(second), COARSE_POINTS)))
-    half = (coarse.max(axis=0) - coarse.min(axis=0)) / 2
-    squared = np.divide(8 * TIGHTNESS * half, second, out=np.full(second.shape, np.inf), where=second > 0)
+    if margin is None:
+        coarse = values(_grid(breaks, np.full(len(second), COARSE_POINTS)))
+        margin = TIGHTNESS * (coarse.max(axis=0) - coarse.min(axis=0)) / 2
+    squared = np.divide(8 * margin, second, out=np.full(second.shape, np.inf), where=second > 0)
     steps = np.maximum(np.sqrt(squared.min(axis=1)), (breaks[-1] - breaks[0]) / MOST_POINTS)
     counts = np.maximum(np.ceil(np.diff(breaks) / steps), 1).astype(int)
-    margin = np.repeat((np.diff(breaks) / counts)[:, None] ** 2 / 8 * second, counts + 1, axis=0)
+    excess = np.repeat((np.diff(breaks) / counts)[:, None] ** 2 / 8 * second, counts + 1, axis=0)
     inside, at_breaks = values(_grid(breaks, counts)), values(breaks)
-    low, high = np.vstack([inside - margin, at_breaks]), np.vstack([inside + margin, at_breaks])
+    low, high = np.vstack([inside - excess, at_breaks]), np.vstack([inside + excess, at_breaks])
     return low.min(axis=0), high.max(axis=0)
 
 

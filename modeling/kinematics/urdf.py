@@ -14,6 +14,7 @@ from modeling.kinematics.arm import SpatialArm
 from modeling.kinematics.placement import (
     IDENTITY_PLACEMENT,
     LARGEST_NUMBER,
+    Body,
     Joint,
     JointKind,
     Placement,
@@ -62,6 +63,64 @@ def link_frames(path: str | Path, sensor_frame: str | None) -> dict[str, tuple[i
         joints, placement = joints + moves, IDENTITY_PLACEMENT if moves else placement.then(read.placement)
         frames[_link(element, "child")] = (joints, placement)
     return frames
+
+
+@dataclass(frozen=True)
+class DriveData:
+    """What a URDF says of an arm's joints as drives.
+
+    bodies    of all links that the joints move, each with its mass
+    effort    of each joint the largest torque, N m (force, N, of a prismatic one); 0 where it states none
+    damping   of each joint, N m s/rad (N s/m)
+    friction  of each joint, N m (N)
+    """
+
+    bodies: tuple[Body, ...]
+    effort: tuple[float, ...]
+    damping: tuple[float, ...]
+    friction: tuple[float, ...]
+
+
+def drive_data(path: str | Path, sensor_frame: str | None) -> DriveData:
+    """The bodies that the joints up to the sensor's frame move, and what these joints state.
+
+    Links of other branches move with the link that they branch from, those of a gripper too: their joints are taken at
+    coordinate zero. Raises InputError as `read_urdf` does, and for a mass that is negative.
+    """
+    robot = _robot(Path(path))
+    description = _Description.of(robot, str(path))
+    chain = [_JointElement(e, str(path)) for e in description.joints_to(description.frame(sensor_frame))]
+    moving = {id(joint.element) for joint in chain if joint.kind is not None}
+    bodies = list[Body]()
+    for link in robot.findall("link"):
+        joints, placement = 0, IDENTITY_PLACEMENT
+        for element in description.joints_to(link.get("name", "")):
+            moves = id(element) in moving
+            on_parent = _JointElement(element, str(path)).placement
+            joints, placement = joints + moves, IDENTITY_PLACEMENT if moves else placement.then(on_parent)
+        body = _body(link, str(path))
+        if body is not None and joints:
+            bodies.append(body.moved(placement, joints))
+    stated = [
+        tuple(joint.numbers(tag, attribute, "0", 1)[0] for joint in chain if joint.kind is not None)
+        for tag, attribute in (("limit", "effort"), ("dynamics", "damping"), ("dynamics", "friction"))
+    ]
+    return DriveData(tuple(bodies), *stated)
+
+
+def _body(link: ElementTree.Element, file: str) -> Body | None:
+    """The body of a link in its own frame; None without mass."""
+    inertial = link.find("inertial")
+    if inertial is None:
+        return None
+    read = _Element(inertial, file, f"link '{link.get('name', '')}'")
+    (mass,) = read.numbers("mass", "value", "0", 1)
+    if mass < 0:
+        raise read.error(f"its mass is {mass:g} kg", "correct it")
+    names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    xx, xy, xz, yy, yz, zz = (read.numbers("inertia", name, "0", 1)[0] for name in names)
+    own = Body(joint=0, mass=mass, centre=(0.0, 0.0, 0.0), inertia=(xx, xy, xz, yy, yz, zz))
+    return own.moved(read.placement, 0) if mass else None
 
 
 class _RestrictedTreeBuilder(ElementTree.TreeBuilder):
@@ -143,15 +202,47 @@ def _link(joint: ElementTree.Element, role: str) -> str:
 
 
 @dataclass(frozen=True)
-class _JointElement:
-    """One joint of the file."""
+class _Element:
+    """An element of the file with an origin, and how a message calls it."""
 
     element: ElementTree.Element
     file: str
+    called: str
 
     @property
-    def name(self) -> str:
-        return self.element.get("name", "")
+    def placement(self) -> Placement:
+        """Placement of its origin on its parent."""
+        from scipy.spatial.transform import Rotation  # slow to import, and most rigs have no URDF
+
+        x, y, z = self.numbers("origin", "xyz", "0 0 0", 3)
+        rotation = Rotation.from_euler("xyz", self.numbers("origin", "rpy", "0 0 0", 3))  # lower case: fixed axes
+        i, j, k, w = rotation.as_quat().tolist()
+        quaternion: Quaternion = (i, j, k, w)
+        return Placement(position=(x, y, z), quaternion=quaternion)
+
+    def numbers(self, tag: str, attribute: str, default: str, count: int) -> list[float]:
+        """The numbers in an attribute of a child element."""
+        child = self.element.find(tag)
+        text = default if child is None else child.get(attribute, default)
+        try:
+            values = [float(word) for word in text.split()]
+        except ValueError:
+            values = []
+        if len(values) != count or not all(abs(value) < LARGEST_NUMBER for value in values):
+            noun = "a finite number" if count == 1 else f"{count} finite numbers"
+            raise self.error(f"{tag} {attribute} is {text[:40]!r}, expected {noun}", "correct it")
+        return values
+
+    def error(self, what: str, remedy: str) -> InputError:
+        """An InputError located at this element."""
+        return InputError(what=what, where=f"{self.file}, {self.called}", remedy=remedy)
+
+
+class _JointElement(_Element):
+    """One joint of the file."""
+
+    def __init__(self, element: ElementTree.Element, file: str) -> None:
+        super().__init__(element, file, f"joint '{element.get('name', '')}'")
 
     @property
     def kind(self) -> JointKind | None:
@@ -164,17 +255,6 @@ class _JointElement:
         if self.element.find("mimic") is not None:
             raise self.error("it mimics another joint", "give it a coordinate of its own, or fix it")
         return MOVABLE_JOINTS.get(kind)
-
-    @property
-    def placement(self) -> Placement:
-        """Placement of the joint on its parent link."""
-        from scipy.spatial.transform import Rotation  # slow to import, and most rigs have no URDF
-
-        x, y, z = self.numbers("origin", "xyz", "0 0 0", 3)
-        rotation = Rotation.from_euler("xyz", self.numbers("origin", "rpy", "0 0 0", 3))  # lower case: fixed axes
-        i, j, k, w = rotation.as_quat().tolist()
-        quaternion: Quaternion = (i, j, k, w)
-        return Placement(position=(x, y, z), quaternion=quaternion)
 
     @property
     def axis(self) -> Vector3:
@@ -192,23 +272,6 @@ class _JointElement:
         (speed,) = self.numbers("limit", "velocity", "0", 1)
         bounded = self.element.get("type") != "continuous" and low < high
         return Joint(
-            name=self.name, kind=kind, placement=placement, axis=self.axis,
+            name=self.element.get("name", ""), kind=kind, placement=placement, axis=self.axis,
             position=(low, high) if bounded else None, velocity=(-speed, speed) if speed > 0 else None,
         )  # fmt: skip
-
-    def numbers(self, tag: str, attribute: str, default: str, count: int) -> list[float]:
-        """The numbers in an attribute of a child element."""
-        child = self.element.find(tag)
-        text = default if child is None else child.get(attribute, default)
-        try:
-            values = [float(word) for word in text.split()]
-        except ValueError:
-            values = []
-        if len(values) != count or not all(abs(value) < LARGEST_NUMBER for value in values):
-            noun = "a finite number" if count == 1 else f"{count} finite numbers"
-            raise self.error(f"{tag} {attribute} is {text[:40]!r}, expected {noun}", "correct it")
-        return values
-
-    def error(self, what: str, remedy: str) -> InputError:
-        """An InputError located at this joint."""
-        return InputError(what=what, where=f"{self.file}, joint '{self.name}'", remedy=remedy)

@@ -204,7 +204,7 @@ def test_places_are_expanded_about_a_trajectory() -> None:
     asked = task(workspace=Workspace(x=(-1.2, 1.5), y=(0.4, 2.6)), tip_length=0.2)
     motion, rows = asked.random((2,)), asked.ranking_limits
     limits, z, many = rows.rows, motion.coefficients, len(rows.polytope)
-    angle = np.cumsum(motion.derivative(rows.still, 0), axis=1)
+    angle = np.cumsum(motion.derivative(rows.bent[0][1], 0), axis=1)
     lengths = np.array([*ARM.link_lengths[:2], ARM.link_lengths[2] + 0.2])
     tip = np.stack([np.sin(angle) @ lengths, np.cos(angle) @ lengths], axis=1)
     margin = 0.01 * np.array([1.35, 1.1])
