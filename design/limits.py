@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from design.clearance import clearances
 from design.joint_torque import joint_torques
+from design.trajectories.spline import RestToRest
 from design.trajectories.trajectory import Array, Trajectory, TrajectorySeries, grid_bound
 from modeling.errors import InputError
 from modeling.kinematics.arm import Arm, PlanarArm, SpatialArm
@@ -327,6 +328,31 @@ def require_zero_inside(limits: Limits) -> None:
             raise InputError(what=what, where="limits", remedy="give a negative low and a positive high limit")
 
 
+def between_poses(series: TrajectorySeries, rig: Rig) -> TrajectorySeries:
+    """The series from and to the poses that the rig's limits state; as it is where they state none.
+
+    Raises InputError for a series that is never at rest, and for a pose, or the way between both, beyond a limit.
+    """
+    limits = rig.limits
+    if limits is None or limits.start is None:
+        return series
+    if not isinstance(series, RestToRest):
+        what = f"limits.start is stated, and no motion of this series starts at rest: {series}"
+        raise InputError(what=what, where="limits", remedy="take --series rest, or leave out limits.start")
+    start, end = (None if pose is None else tuple(pose.tolist()) for pose in (limits.start, limits.end))
+    poses = {"limits.start is": (start, None), "limits.end is": (end, None)}
+    way = f"the way from limits.start to limits.end in {series.duration:g} s is"
+    for called, (first, last) in (poses | {way: (start, end)}).items():
+        if first is not None:
+            still = replace(series, start=first, end=last)
+            motion = Trajectory(still, still.rest(first))
+            worst = LimitUse.of(motion, limits, rig.workspace, rig.arm, rig.tip_length).worst
+            if worst.use > 1:
+                remedy = "take a longer period" if called == way else "state another pose, or widen that limit"
+                raise InputError(what=f"{called} beyond {worst.excess}", where="limits", remedy=remedy)
+    return replace(series, start=start, end=end)
+
+
 def require_enough_samples(series: TrajectorySeries, samples: int) -> None:
     """InputError for fewer samples than the series has basis functions of time: they would not resolve it."""
     functions = series.mixing.shape[1]
@@ -341,10 +367,13 @@ def require_motion_within_period(series: TrajectorySeries, limits: Limits) -> No
     """InputError for a period in which no joint can move by more than an encoder resolves.
 
     Within an acceleration of a magnitude up to a, periodic motion travels at most a T² / 16 from end to end: half the
-    period at a, half at -a.
+    period at a, half at -a; within a jerk of j its acceleration, which reverses, at most j T / 4.
     """
-    strokes = abs(limits.acceleration).max(axis=1) * series.duration**2 / 16
+    reached = {"acceleration": abs(limits.acceleration).max(axis=1)}
+    if limits.jerk is not None:
+        reached["jerk"] = abs(limits.jerk).max(axis=1) * series.duration / 4
     low, high = limits.position.T
-    if not (strokes > SMALLEST_STROKE * (high - low)).any():
-        what = f"in a period of {series.duration:.3g} s no joint can move by a millionth of its range"
-        raise InputError(what=f"{what} within its acceleration limits", where="period", remedy="take a longer period")
+    for name, acceleration in reached.items():
+        if not (acceleration * series.duration**2 / 16 > SMALLEST_STROKE * (high - low)).any():
+            what = f"in a period of {series.duration:.3g} s no joint can move by a millionth of its range"
+            raise InputError(what=f"{what} within its {name} limits", where="period", remedy="take a longer period")

@@ -66,18 +66,18 @@ def _draw(series: TrajectorySeries, rng: np.random.Generator) -> Array:
     velocity = series.basis(series.instants(8 * series.mixing.shape[1]), 1)
     power, axes = np.linalg.eigh(np.einsum("tjk,tjl->kl", velocity, velocity, optimize=True) / len(velocity))
     moves = power > MOTIONLESS * power[-1]
-    return np.asarray(axes[:, moves] @ (rng.standard_normal(moves.sum()) / np.sqrt(power[moves])), dtype=float)
+    drawn = axes[:, moves] @ (rng.standard_normal(moves.sum()) / np.sqrt(power[moves]))
+    return np.where(series.adjustable, drawn, 0.0)
 
 
 def _factors(series: TrajectorySeries, limits: Limits, posture: Array, moving: Array) -> Array:
     """(k,): the largest multiple of each coefficient that keeps the limits of all joints that share coefficients."""
     largest = np.full(series.joints, np.inf)
-    for order, pairs in enumerate((limits.position, limits.velocity, limits.acceleration, limits.jerk)):
-        if pairs is not None:
-            room = pairs.T - series.evaluate(posture, np.zeros(1), order)
-            reached = np.array(series.enclosure(moving, order))
-            ratio = np.divide(room, reached, out=np.full(room.shape, np.inf), where=room * reached > 0)
-            largest = np.minimum(largest, ratio.min(axis=0))
+    for order, pairs in enumerate(limits.pairs.values()):
+        room = pairs.T - np.array(series.enclosure(posture, order))
+        reached = np.array(series.enclosure(moving, order))
+        ratio = np.divide(room, reached, out=np.full(room.shape, np.inf), where=room * reached > 0)
+        largest = np.minimum(largest, ratio.min(axis=0))
     return series.by_coefficient(largest)
 
 

@@ -22,7 +22,8 @@ from design.optimiser.objective import (
 )
 from design.random_feasible import random_feasible_trajectory
 from design.trajectories.fourier import FreeSeries
-from design.trajectories.trajectory import Trajectory
+from design.trajectories.spline import RestToRest
+from design.trajectories.trajectory import Trajectory, TrajectorySeries
 from modeling.kinematics.arm import Arm
 from modeling.rig import Limits, Workspace
 from modeling.space import Space
@@ -64,8 +65,11 @@ class DesignTask:
     def random(self, seed: Sequence[int]) -> Trajectory:
         """A random trajectory of few harmonics that uses nine tenths of its limits, projected on the series."""
         series = self.objective.series
+        drawn: TrajectorySeries = FreeSeries(joints=series.joints, harmonics=LOW_HARMONICS, period=series.duration)
+        if isinstance(series, RestToRest) and series.start is not None:
+            drawn = replace(series, inner=drawn)
         motion = random_feasible_trajectory(
-            FreeSeries(joints=series.joints, harmonics=LOW_HARMONICS, period=series.duration),
+            drawn,
             self.limits,
             workspace=self.workspace,
             arm=self.arm,

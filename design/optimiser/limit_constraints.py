@@ -133,13 +133,13 @@ class MeasureRows:
         """The rows (T S,) at z (k,)."""
         return np.asarray(((self.measure.values(*(self.basis @ z)) - self.middle) / self.half).ravel())
 
-    def about(self, z: Array, place: slice) -> JointBlock:
-        """Their linear expansion about z (k,)."""
+    def about(self, z: Array, value: Array, place: slice) -> JointBlock:
+        """Their linear expansion about z (k,), where they are `value` (T S,)."""
         slopes = self.measure.slopes(*(self.basis @ z)) / self.half[:, None]
         by_derivative = np.split(slopes, len(self.basis), axis=2)
         matrix = sum(slope @ basis for slope, basis in zip(by_derivative, self.basis, strict=True))
         matrix = np.asarray(matrix).reshape(-1, len(z))
-        return JointBlock(np.arange(len(z)), matrix, matrix @ z - self.value(z), place)
+        return JointBlock(np.arange(len(z)), matrix, matrix @ z - value, place)
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,11 +157,12 @@ class LimitRows:
         values = [rows.value(z) for rows in self.bent]
         return np.hstack([self.joints.slack(z), *(np.stack([1 - value, 1 + value]) for value in values)])
 
-    def about(self, z: Array) -> Polytope:
-        """The limits expanded linearly about z (k,)."""
+    def about(self, z: Array, slack: Array) -> Polytope:
+        """The limits expanded linearly about z (k,), with their slacks (2, R) there."""
         blocks, at = list(self.joints.blocks), len(self.joints)
         for rows in self.bent:
-            blocks.append(rows.about(z, slice(at, at + len(rows))))
+            place = slice(at, at + len(rows))
+            blocks.append(rows.about(z, 1 - slack[0, place], place))
             at += len(rows)
         return Polytope(tuple(blocks), self.joints.size) if self.bent else self.joints
 

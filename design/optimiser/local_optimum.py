@@ -156,7 +156,7 @@ def _solved(
         insides.append(start.coefficients)
     if not insides:
         raise _infeasible(task, start)
-    method = InteriorPoint(derivatives, limits)
+    method = InteriorPoint(derivatives, limits, start.series.adjustable)
     return method.solve(insides[0], first=max(first, last), last=last, iterations=task.iterations)
 
 

@@ -52,6 +52,11 @@ class TrajectorySeries(ABC):
         return np.inf
 
     @property
+    def adjustable(self) -> npt.NDArray[np.bool_]:
+        """(k,): the coefficients that a design chooses; the others are as `rest` has them."""
+        return np.ones(self.size, dtype=bool)
+
+    @property
     def breaks(self) -> Array:
         """Increasing instants from 0 to the duration, s, between which the functions are smooth."""
         return np.array([0.0, self.duration])
@@ -205,7 +210,11 @@ def _nearest(series: TrajectorySeries, values: Callable[[Array, int], Array]) ->
         scale = (series.duration / (2 * np.pi)) ** order
         basis.append(scale * series.basis(time, order).reshape(-1, series.size))
         target.append(scale * values(time, order).ravel())
-    solution = np.linalg.lstsq(np.vstack(basis), np.concatenate(target), rcond=None)[0]
+    chosen, matrix, solution = series.adjustable, np.vstack(basis), np.zeros(series.size)
+    if not chosen.all():
+        solution = np.where(chosen, 0.0, series.rest(np.zeros(series.joints)))
+    left = np.concatenate(target) - matrix @ solution
+    solution[chosen] = np.linalg.lstsq(matrix[:, chosen], left, rcond=None)[0]
     return Trajectory(series, solution)
 
 

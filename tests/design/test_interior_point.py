@@ -212,8 +212,8 @@ def test_places_are_expanded_about_a_trajectory() -> None:
     np.testing.assert_allclose(limits.slack(z)[:, many:], [1 - use.ravel(), 1 + use.ravel()], atol=1e-12)
     step, h = np.random.default_rng(0).standard_normal(len(z)), 1e-6
     slope = (limits.slack(z - h * step)[0] - limits.slack(z + h * step)[0]) / (2 * h)
-    np.testing.assert_allclose(limits.about(z).change(step), slope, atol=1e-7)
-    np.testing.assert_allclose(limits.about(z).slack(z), limits.slack(z), atol=1e-12)
+    np.testing.assert_allclose(limits.about(z, limits.slack(z)).change(step), slope, atol=1e-7)
+    np.testing.assert_allclose(limits.about(z, limits.slack(z)).slack(z), limits.slack(z), atol=1e-12)
 
 
 def test_any_executor_finds_the_same_in_the_same_order() -> None:
