@@ -516,18 +516,28 @@ def _workspace(tables: RigTables, arm: SpatialArm | None, where: str, folder: Pa
     if (capsules or half_spaces) and arm is None:
         what = "[[capsule]] and [[half_space]] are of arms that are read from a URDF, and the rig states none"
         raise InputError(what=what, where=where, remedy="state robot.urdf, or leave them out")
-    if half_spaces and not any(capsule["joint"] != 0 for capsule in capsules):
+    robot, sides = tables["robot"], {} if box is None else _stated(box)
+    path, fitted, links = folder / (robot["urdf"] or ""), list[Capsule](), {}
+    if sides.get("capsules") is not None:
+        if robot["urdf"] is None or robot["spatial_arm"] is not None:
+            what = 'workspace.capsules: "urdf" is of arms that are read from one, and the rig names none'
+            raise InputError(what=what, where=where, remedy="state robot.urdf, or leave it out")
+        stated = {capsule["link"] for capsule in capsules}
+        for name, joint, start, end, radius in _urdf_reader().collision_capsules(path, robot["sensor_frame"], stated):
+            fitted.append(Capsule(name=name, joint=joint, start=start, end=end, radius=radius))
+        if not fitted and not stated:
+            what = "workspace.capsules: no link of the URDF has collision geometry"
+            raise InputError(what=what, where=where, remedy="state [[capsule]] of the links")
+    if any(capsule["link"] is not None for capsule in capsules) and robot["urdf"]:
+        links = _urdf_reader().link_frames(path, robot["sensor_frame"])
+    listed = [_capsule(n, table, links, arm, where) for n, table in enumerate(capsules, start=1)]
+    if half_spaces and not any(capsule.joint for capsule in (*listed, *fitted)):
         what = "[[half_space]]: no [[capsule]] moves with the arm, to be kept inside"
         raise InputError(what=what, where=where, remedy="add the capsules of the arm's links")
-    links: Mapping[str, Any] = {}
-    if any(capsule["link"] is not None for capsule in capsules):
-        robot = tables["robot"]
-        links = _urdf_reader().link_frames(folder / robot["urdf"], robot["sensor_frame"]) if robot["urdf"] else {}
-    sides: dict[str, Any] = {} if box is None else _stated(box)
     return Workspace(
         **{axis: (sides[axis][0], sides[axis][1]) for axis in "xyz" if axis in sides},
         clearance=sides.get("clearance", 0.0),
-        capsules=tuple(_capsule(n, table, links, arm, where) for n, table in enumerate(capsules, start=1)),
+        capsules=(*listed, *fitted),
         half_spaces=tuple(_half_space(table) for table in half_spaces),
     )
 

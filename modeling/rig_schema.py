@@ -207,12 +207,13 @@ class LimitsTable(StrictTable):
 
 
 class WorkspaceTable(StrictTable):
-    """[workspace], in m."""
+    """[workspace], in m; capsules = "urdf": around the collision geometry of its links."""
 
     x: LimitInterval | None = None
     y: LimitInterval | None = None
     z: LimitInterval | None = None
     clearance: Annotated[float, AfterValidator(_not_negative)] = 0.0
+    capsules: Literal["urdf"] | None = None
 
 
 class CapsuleTable(StrictTable):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
@@ -20,6 +20,8 @@ from modeling.kinematics.placement import (
     Placement,
     Quaternion,
     Vector3,
+    rotated_vector,
+    translated,
 )
 
 MOVABLE_JOINTS = {"revolute": JointKind.REVOLUTE, "continuous": JointKind.REVOLUTE, "prismatic": JointKind.PRISMATIC}
@@ -87,29 +89,100 @@ def drive_data(path: str | Path, sensor_frame: str | None) -> DriveData:
     Links of other branches move with the link that they branch from, those of a gripper too: their joints are taken at
     coordinate zero. Raises InputError as `read_urdf` does, and for a mass that is negative.
     """
-    robot = _robot(Path(path))
-    description = _Description.of(robot, str(path))
-    chain = [_JointElement(e, str(path)) for e in description.joints_to(description.frame(sensor_frame))]
-    moving = {id(joint.element) for joint in chain if joint.kind is not None}
-    bodies = list[Body]()
-    for link in robot.findall("link"):
-        joints, placement = 0, IDENTITY_PLACEMENT
-        for element in description.joints_to(link.get("name", "")):
-            moves = id(element) in moving
-            on_parent = _JointElement(element, str(path)).placement
-            joints, placement = joints + moves, IDENTITY_PLACEMENT if moves else placement.then(on_parent)
-        body = _body(link, str(path))
-        if body is not None and joints:
-            bodies.append(body.moved(placement, joints))
+    moved = _MovedLinks.of(path, sensor_frame)
+    read = [_body(link, str(path), placement, joint) for link, joint, placement in moved.links() if joint]
+    bodies = tuple(body for body in read if body is not None)
     stated = [
-        tuple(joint.numbers(tag, attribute, "0", 1)[0] for joint in chain if joint.kind is not None)
+        tuple(joint.numbers(tag, attribute, "0", 1)[0] for joint in moved.chain if joint.kind is not None)
         for tag, attribute in (("limit", "effort"), ("dynamics", "damping"), ("dynamics", "friction"))
     ]
-    return DriveData(tuple(bodies), *stated)
+    return DriveData(bodies, *stated)
 
 
-def _body(link: ElementTree.Element, file: str) -> Body | None:
-    """The body of a link in its own frame; None without mass."""
+def collision_capsules(
+    path: str | Path, sensor_frame: str | None, besides: Collection[str]
+) -> list[tuple[str, int, Vector3, Vector3, float]]:
+    """Capsules around the collision geometry of all links, but those named `besides`.
+
+    Of each its link, the joints that move it, its ends in the frame that the last of them moves, and its radius, m. A
+    cylinder's has its axis and radius; a box's the longest axis of the box, and its ends' half diagonal as radius.
+    Raises InputError as `read_urdf` does, and for a mesh, which is in another file.
+    """
+    capsules = list[tuple[str, int, Vector3, Vector3, float]]()
+    for link, joints, placement in _MovedLinks.of(path, sensor_frame).links():
+        name = link.get("name", "")
+        for element in link.findall("collision") if name not in besides else ():
+            shape = _Element(element, str(path), f"link '{name}'")
+            half, radius = _half_axis(shape)
+            at = placement.then(shape.placement)
+            start, end = (translated(at.position, rotated_vector(at.quaternion, p)) for p in ([-x for x in half], half))
+            capsules.append((name, joints, _vector(start), _vector(end), radius))
+    return capsules
+
+
+def _half_axis(shape: _Element) -> tuple[list[float], float]:
+    """Half the axis of the capsule around a collision geometry, in its own frame, and its radius; m."""
+    geometry = shape.element.find("geometry")
+    solid = next(iter(geometry), None) if geometry is not None else None
+    kind = "none" if solid is None else solid.tag
+    read = shape if geometry is None else _Element(geometry, shape.file, shape.called)
+    half, sizes = [0.0, 0.0, 0.0], list[float]()
+    if kind == "sphere":
+        sizes = read.numbers("sphere", "radius", "0", 1)
+        radius = sizes[0]
+    elif kind == "cylinder":
+        sizes = [*read.numbers("cylinder", "radius", "0", 1), *read.numbers("cylinder", "length", "0", 1)]
+        radius, half[2] = sizes[0], sizes[1] / 2
+    elif kind == "box":
+        sizes = read.numbers("box", "size", "0 0 0", 3)
+        longest = int(np.argmax(sizes))
+        half[longest] = sizes[longest] / 2
+        radius = float(np.linalg.norm(np.delete(sizes, longest))) / 2
+    else:
+        remedy = "state a [[capsule]] with this link, which takes its place"
+        raise shape.error(f"its collision geometry is a {kind}, and no capsule is fitted to that", remedy)
+    if min(sizes) <= 0:
+        raise shape.error(f"its collision {kind} has no size", "correct it")
+    return half, radius
+
+
+def _vector(components: Sequence[float]) -> Vector3:
+    x, y, z = components
+    return (x, y, z)
+
+
+@dataclass(frozen=True)
+class _MovedLinks:
+    """All links of a file, with what of them the joints up to the sensor's frame move."""
+
+    robot: ElementTree.Element
+    description: _Description
+    chain: tuple[_JointElement, ...]
+
+    @classmethod
+    def of(cls, path: str | Path, sensor_frame: str | None) -> _MovedLinks:
+        robot = _robot(Path(path))
+        description = _Description.of(robot, str(path))
+        joints = description.joints_to(description.frame(sensor_frame))
+        return cls(robot, description, tuple(_JointElement(joint, str(path)) for joint in joints))
+
+    def links(self) -> Iterator[tuple[ElementTree.Element, int, Placement]]:
+        """Each link, the joints of the chain that move it, and its place in the frame that the last of them moves.
+
+        Joints of other branches are taken at coordinate zero.
+        """
+        moving = {id(joint.element) for joint in self.chain if joint.kind is not None}
+        for link in self.robot.findall("link"):
+            joints, placement = 0, IDENTITY_PLACEMENT
+            for element in self.description.joints_to(link.get("name", "")):
+                moves = id(element) in moving
+                on_parent = _JointElement(element, self.description.where).placement
+                joints, placement = joints + moves, IDENTITY_PLACEMENT if moves else placement.then(on_parent)
+            yield link, joints, placement
+
+
+def _body(link: ElementTree.Element, file: str, placement: Placement, joint: int) -> Body | None:
+    """The body of a link with this place in the frame that so many joints move; None without mass."""
     inertial = link.find("inertial")
     if inertial is None:
         return None
@@ -120,7 +193,7 @@ def _body(link: ElementTree.Element, file: str) -> Body | None:
     names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
     xx, xy, xz, yy, yz, zz = (read.numbers("inertia", name, "0", 1)[0] for name in names)
     own = Body(joint=0, mass=mass, centre=(0.0, 0.0, 0.0), inertia=(xx, xy, xz, yy, yz, zz))
-    return own.moved(read.placement, 0) if mass else None
+    return own.moved(placement.then(read.placement), joint) if mass else None
 
 
 class _RestrictedTreeBuilder(ElementTree.TreeBuilder):
