@@ -224,6 +224,26 @@ class LimitUse(Tabular):
         return f"{state} the limits: {at.quantity} of {at.name} uses {share} of its {at.side} limit"
 
 
+def use_at_rest(
+    q: Array, limits: Limits, workspace: Workspace | None, arm: Arm | None, tip_length: float | None
+) -> Array:
+    """(N,): the largest use of a limit by an arm that rests at positions (N, n)."""
+    values, pairs, sides = [q], [limits.position], workspace_sides(workspace, arm)
+    loads, apart = joint_torques(limits, arm), clearances(workspace, arm, limits.position)
+    if loads is not None:
+        values.append(loads.values(q, np.zeros_like(q), np.zeros_like(q)))
+        pairs.append(loads.room)
+    if sides and arm is not None:
+        tip = np.array(_tip_position(arm, tip_length or 0.0).map(len(q))(q.T)).T
+        values.append(tip[:, [index for index, _ in sides.values()]])
+        pairs.append(np.array([side for _, side in sides.values()]))
+    if apart is not None:
+        values.append(apart.values(q))
+        pairs.append(np.tile([0.0, apart.largest], (len(apart.names), 1)))
+    low, high = np.vstack(pairs).T
+    return np.asarray((np.abs(np.hstack(values) - (low + high) / 2) / ((high - low) / 2)).max(axis=1))
+
+
 def _require_intervals(joints: int, limits: Limits, workspace: Workspace | None) -> None:
     """InputError unless every limit is finite with low below high: use is a share of the interval's half width."""
     pairs = {name: np.asarray(pair) for name, pair in limits.pairs.items()}

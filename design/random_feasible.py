@@ -6,8 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from design.limits import LimitedQuantity, LimitUse
-from design.optimiser.limit_constraints import LimitedMeasures
+from design.limits import LimitedQuantity, LimitUse, use_at_rest
 from design.trajectories.trajectory import Array, Trajectory, TrajectorySeries
 from modeling.errors import InputError
 from modeling.kinematics.arm import Arm
@@ -52,8 +51,12 @@ def random_feasible_trajectory(
         return LimitUse.of(Trajectory(series, coefficients), limits, workspace, arm, tip_length).worst
 
     rng = np.random.default_rng(seed)
-    measures = LimitedMeasures.of(limits, workspace, arm, tip_length)
-    posture = _static_posture(series, limits, measures, used, rng)
+
+    def at_rest(tried: Array) -> Array:
+        q = np.array([series.evaluate(static, np.zeros(1), 0)[0] for static in tried])
+        return use_at_rest(q, limits, workspace, arm, tip_length)
+
+    posture = _static_posture(series, limits, at_rest, used, rng)
     moving = _draw(series, rng)
     moving *= _factors(series, limits, posture, moving) * (1 - LIMIT_MARGIN)
     whole = used(posture + moving).use <= 1
@@ -84,11 +87,15 @@ def _factors(series: TrajectorySeries, limits: Limits, posture: Array, moving: A
 def _static_posture(
     series: TrajectorySeries,
     limits: Limits,
-    measures: Sequence[LimitedMeasures],
+    at_rest: Callable[[Array], Array],
     used: Callable[[Array], LimitedQuantity],
     rng: np.random.Generator,
 ) -> Array:
-    """Coefficients of the static posture in the middle of the limits, or of the least limit use among a few."""
+    """Coefficients of the static posture in the middle of the limits, or of the least limit use among a few.
+
+    at_rest  the largest uses of limits (P,) in static postures by their coefficients (P, k)
+    used     the limit that a motion uses most, by its coefficients
+    """
     low, high = limits.position.T
     middle = series.rest((low + high) / 2)
     nearest = used(middle)
@@ -96,7 +103,7 @@ def _static_posture(
         return middle
     for _ in range(MOST_TRIALS):
         tried = [series.rest(rng.uniform(low, high)) for _ in range(POSTURE_TRIALS)]
-        use = _static_use(series, limits, measures, np.array(tried))
+        use = at_rest(np.array(tried))
         feasible = np.flatnonzero(use <= 1)[:POSTURE_CANDIDATES]
         best = tried[feasible[use[feasible].argmin()] if len(feasible) else use.argmin()]
         at = used(best)
@@ -109,17 +116,6 @@ def _static_posture(
         where="limits",
         remedy="widen that limit, or use a series with an offset",
     )
-
-
-def _static_use(series: TrajectorySeries, limits: Limits, measures: Sequence[LimitedMeasures], tried: Array) -> Array:
-    """(P,): the largest use of a limit in static postures by their coefficients (P, k)."""
-    q = np.array([series.evaluate(static, np.zeros(1), 0)[0] for static in tried])
-    low, high = limits.position.T
-    shares = [np.abs(q - (low + high) / 2) / ((high - low) / 2)]
-    for of in measures:
-        motion = [q, *(np.zeros_like(q) for _ in range(of.derivatives - 1))]
-        shares.append(np.abs(of.values(*motion) - of.middle) / of.half)
-    return np.asarray(np.hstack(shares).max(axis=1))
 
 
 def _largest_feasible(feasible: Callable[[float], bool]) -> float:

@@ -205,6 +205,11 @@ TORQUE_MARGIN = 0.003
 """The same of torques, as a share of half their range: gravity's part is not contracted."""
 LARGEST_MARGIN_SHARE = 0.01
 """The margin is no more than this share of the workspace's half width, so that a narrow one stays."""
+RAMP_FUNCTIONS = 2
+"""Basis functions for which a ramp counts: with those of the series alone six joints' jerk in ramps of a tenth of the
+period was passed by 12 %, and five rounds of more instants did not end it."""
+MOST_FINER = 4
+"""Times as many instants as the series has by itself, at most: a ramp of a hundredth of the period would ask for 20."""
 NEAR_LIMIT = 0.8
 """Share of a limit above which it is imposed at the fine instants; elsewhere at the medium ones."""
 
@@ -352,6 +357,8 @@ def _instants(series: TrajectorySeries) -> tuple[Array, Array]:
     functions, pieces = series.mixing.shape[1], len(series.breaks) - 1
     if pieces > functions / 2:
         return series.instants(MEDIUM_PER_PIECE * pieces), series.instants(FINE_PER_PIECE * pieces)
+    shortest = float(np.diff(series.breaks).min())
+    functions = int(np.clip(RAMP_FUNCTIONS * series.duration / shortest, functions, MOST_FINER * functions))
     return series.instants(MEDIUM_INSTANTS * functions), series.instants(FINE_INSTANTS * functions)
 
 

@@ -50,6 +50,7 @@ ALLOWED = [150, 44.9, 16.4, 1.88, 1.42, 28]
 """N m: 0.6 of what joints 2 to 5 have to hold with the arm stretched out level, the wrist turned any way; the others
 hold nothing then."""
 FREE = FreeSeries(joints=6, harmonics=(1, 2, 3), period=8.0)
+SLOW = FreeSeries(joints=6, harmonics=(1, 2), period=8.0)
 
 
 def urdf(folder: Path, kinds: Mapping[int, str] | None = None) -> Path:
@@ -362,15 +363,24 @@ def smallest_distances(of: Rig, positions: Array) -> tuple[Array, Array]:
 
 
 @pytest.mark.long(9)
-@pytest.mark.parametrize("seed", [0, 7])
-def test_a_loaded_arm_keeps_every_limit_at_every_instant(tmp_path: Path, seed: int) -> None:
+@pytest.mark.parametrize(("seed", "rests"), [(0, False), (7, True)])
+def test_a_loaded_arm_keeps_every_limit_at_every_instant(tmp_path: Path, seed: int, rests: bool) -> None:
     """By Pinocchio at 20 001 instants. Of random postures one in twenty is within torques, clearances and height."""
     others: dict[str, Any] = {"capsule": CAPSULES, "half_space": [FLOOR], "workspace": {"z": list(HEIGHT)}}
-    of = rig(tmp_path, limits={"jerk": [25.0] * 6}, **others)
+    of, posture = rig(tmp_path, limits={"jerk": [25.0] * 6}, **others), np.zeros(6)
+    if rests:
+        assert of.limits is not None
+        about = random_feasible_trajectory(FREE, of.limits, workspace=of.workspace, arm=of.arm, tip_length=TIP, seed=1)
+        posture = about.derivative(FREE.instants(40), 0).mean(axis=0)
+        of = rig(tmp_path, limits={"jerk": [25.0] * 6, "start": posture.tolist()}, **others)
     assert of.limits is not None
-    plan = design(of, series=FREE, samples=60, starts=1, seed=seed, bounded=False)
+    series = RestToRest(inner=SLOW, ramp=1.0) if rests else SLOW
+    plan = design(of, series=series, samples=60, starts=1, seed=seed, bounded=False)
     time = np.linspace(0.0, 8.0, 20001)
     q, dq, ddq = plan.motion.evaluate(time)
+    if rests:
+        np.testing.assert_allclose(q[[0, -1]], [posture, posture], atol=1e-12)
+        np.testing.assert_allclose([dq[[0, -1]], ddq[[0, -1]]], 0.0, atol=1e-9)
     step = time[1] - time[0]
     jerk = np.diff(ddq, axis=0) / step
     for values, limits in ((q, of.limits.position), (dq, of.limits.velocity), (ddq, of.limits.acceleration)):
