@@ -229,7 +229,7 @@ class Rig:
         Unit vector along gravity in base axes, (x, y) in the plane, (x, y, z) in six axes; by default along -y, -z. The
         world is then the base turned by the least angle that points gravity down.
     limits : Limits, optional
-        Of joint position, velocity and acceleration; rad, rad/s, rad/s².
+        Of joint position, velocity and acceleration, perhaps jerk and torque; rad, rad/s, rad/s², rad/s³, N m.
     workspace : Workspace, optional
         Where the tip has to stay, m.
     sensor : SensorDescription, optional
