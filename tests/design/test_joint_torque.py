@@ -265,6 +265,15 @@ def test_a_limit_that_no_posture_keeps_is_named_with_the_excess(
     assert "\n" not in str(caught.value)
 
 
+def test_a_posture_that_hardly_any_random_one_has_is_found(tmp_path: Path) -> None:
+    """A third of the torques: one random posture in 7000 is within all limits."""
+    of = rig(tmp_path, limits={"torque": [150, 15, 5.47, 0.627, 0.473, 28]}, capsule=CAPSULES, half_space=[FLOOR])
+    assert of.limits is not None
+    for seed in range(2):
+        motion = random_feasible_trajectory(SLOW, of.limits, workspace=of.workspace, arm=of.arm, seed=seed)
+        assert LimitUse.of(motion, of.limits, of.workspace, of.arm).worst.use <= 1
+
+
 UP = [0.0, -1.5, 0.9, -1.3, -1.5, 0.0]
 RAMPED = RestToRest(inner=FREE, ramp=1.0)
 
