@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
 from itertools import combinations
 
 import numpy as np
@@ -201,13 +201,11 @@ class Clearances:
         (|r'|² - (u.r')²) / |r| + u.r'', the bound v² / |r| + a on it from above, which is the one that counts. A
         capsule's distance is the least of such functions.
         """
-        speed, acceleration = self._rates(motion)
         coarse = self.values(motion.derivative(_grid(motion, FEWEST_INSTANTS), 0))
         planes = coarse.shape[1] - len(self.pairs)
         gap = np.maximum(coarse[:, planes:].min(axis=0) + self._apart[2], MARGIN)
-        bend = np.concatenate(
-            [np.full(planes, acceleration), (2 * speed) ** 2 / (SMALLEST_GAP * gap) + 2 * acceleration]
-        )
+        speed, acceleration = self._rates(motion)
+        bend = acceleration + np.append(np.zeros(planes), speed[planes:] ** 2 / (SMALLEST_GAP * gap))
         steps = np.sqrt(8 * MARGIN / np.maximum(bend, np.finfo(float).tiny))
         count = int(np.clip(np.ceil(motion.period / steps.min()), FEWEST_INSTANTS, MOST_INSTANTS))
         values = self.values(motion.derivative(_grid(motion, count), 0))
@@ -215,29 +213,36 @@ class Clearances:
         low = values.min(axis=0)
         smooth = low - step**2 / 8 * bend
         # Where the distance may have come below what `bend` supposes, only the speed bounds it.
-        near = low[planes:] + self._apart[2] - speed * step < SMALLEST_GAP * gap
-        smooth[planes:] = np.where(near, low[planes:] - speed * step, smooth[planes:])
+        near = low[planes:] + self._apart[2] - speed[planes:] * step < SMALLEST_GAP * gap
+        smooth[planes:] = np.where(near, low[planes:] - speed[planes:] * step, smooth[planes:])
         return np.asarray(smooth)
 
-    def _rates(self, motion: Trajectory) -> tuple[float, float]:
-        """Bounds on the speed and the acceleration of every capsule's points, m/s and m/s².
+    def _rates(self, motion: Trajectory) -> tuple[Array, Array]:
+        """Bounds (S,) on the speeds and the accelerations that count for each, m/s and m/s².
 
-        As of the tip (`design.limits.tip_acceleration_bound`), with g_j the largest distance from joint j's axis.
+        As of the tip (`design.limits.tip_acceleration_bound`), with g_j the largest distance from joint j's axis: of a
+        capsule's points in the world, or of two capsules those of the outer one as the inner one sees them, which only
+        the joints between both move.
         """
         first, second = (np.abs(motion.enclosure(order)).max(axis=0) for order in (1, 2))
         slides = np.array([joint.kind is JointKind.PRISMATIC for joint in self.arm.chain])
         length = np.array([np.linalg.norm(joint.placement.position) for joint in self.arm.chain])
         length = length + slides * np.abs(motion.enclosure(0)).max(axis=0)
-        joints, ends = self._ends
-        speed = acceleration = 0.0
-        for moved in set(joints.tolist()):
-            size = float(np.linalg.norm(ends[joints == moved], axis=1).max())
-            lever = size + np.append(np.cumsum(length[1:moved][::-1])[::-1], 0.0) if moved else np.zeros(0)
-            lever = np.where(slides[:moved], 1.0, lever)
-            later = np.maximum.outer(np.arange(moved), np.arange(moved))
-            speed = max(speed, float(lever @ first[:moved]))
-            bent = float(lever @ second[:moved] + first[:moved] @ lever[later] @ first[:moved]) if moved else 0.0
-            acceleration = max(acceleration, bent)
+        sizes = [max(float(np.linalg.norm(end)) for end in (c.start, c.end)) for c in self.capsules]
+
+        @cache
+        def between(inner: int, capsule: int) -> tuple[float, float]:
+            joints = slice(inner, self.capsules[capsule].joint)
+            lever = sizes[capsule] + np.append(np.cumsum(length[joints][:0:-1])[::-1], 0.0)
+            lever = np.where(slides[joints], 1.0, lever)
+            later = np.maximum.outer(np.arange(len(lever)), np.arange(len(lever)))
+            rate = first[joints]
+            return float(lever @ rate), float(lever @ second[joints] + rate @ lever[later] @ rate)
+
+        half_spaces = [between(0, int(end) // 2) for end in self._near for _ in self.half_spaces]
+        ordered = [sorted(pair, key=lambda capsule: self.capsules[capsule].joint) for pair in self.pairs]
+        pairs = [between(self.capsules[inner].joint, outer) for inner, outer in ordered]
+        speed, acceleration = np.array([*half_spaces, *pairs]).reshape(-1, 2).T
         return speed, acceleration
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.clearance import clearances
+from design.joint_torque import joint_torques
+from design.trajectories.spline import RestToRest
 from design.trajectories.trajectory import Array, Trajectory, TrajectorySeries, grid_bound
 from modeling.errors import InputError
 from modeling.kinematics.arm import Arm, PlanarArm, SpatialArm
@@ -108,8 +110,8 @@ LIMITED_DERIVATIVES = {"position": "", "velocity": "/s", "acceleration": "/s²",
 class LimitedQuantity:
     """The range of one quantity of one joint (or of one coordinate of the tip), and its limits, in `unit`.
 
-    quantity is position, velocity, acceleration, jerk, workspace or clearance; name is q1 .. qn, x, y or z of the tip,
-    or what is kept apart.
+    quantity is position, velocity, acceleration, jerk, torque, workspace or clearance; name is q1 .. qn, x, y or z of
+    the tip, or what is kept apart.
     """
 
     quantity: str
@@ -129,6 +131,13 @@ class LimitedQuantity:
         """The nearest limit, "low" or "high"."""
         below, above = self._uses
         return "low" if below > above else "high"
+
+    @property
+    def excess(self) -> str:
+        """The nearest limit, and by how much it is passed."""
+        by = self.limit[0] - self.low if self.side == "low" else self.high - self.limit[1]
+        number = f"{by:.2g}" if abs(by) < 100 else f"{by:.0f}"
+        return f"the {self.side} limit of the {self.quantity} of {self.name} by {number} {self.unit}"
 
     @property
     def _uses(self) -> tuple[float, float]:
@@ -179,7 +188,8 @@ class LimitUse(Tabular):
             raise InputError(what=what, where="limits", remedy="give the limits of the trajectory's arm")
         _require_intervals(motion.joints, limits, workspace)
         tip = _tip(motion, workspace, arm, tip_length)
-        return cls(limited_quantities=(*_joints(motion, limits, arm), *tip, *_apart(motion, limits, workspace, arm)))
+        apart, torques = _apart(motion, limits, workspace, arm), _torques(motion, limits, arm)
+        return cls(limited_quantities=(*_joints(motion, limits, arm), *torques, *tip, *apart))
 
     @cached_property
     def worst(self) -> LimitedQuantity:
@@ -188,7 +198,7 @@ class LimitUse(Tabular):
 
     @cached_property
     def by_quantity(self) -> Mapping[str, LimitedQuantity]:
-        """The largest use of each limited quantity, in the order of `LIMITED_DERIVATIVES`, then the workspace."""
+        """The largest use of each: of `LIMITED_DERIVATIVES` in their order, then torque, workspace, clearance."""
         names = dict.fromkeys(limited.quantity for limited in self.limited_quantities)
         return {n: max((x for x in self.limited_quantities if x.quantity == n), key=lambda x: x.use) for n in names}
 
@@ -214,9 +224,31 @@ class LimitUse(Tabular):
         return f"{state} the limits: {at.quantity} of {at.name} uses {share} of its {at.side} limit"
 
 
+def use_at_rest(
+    q: Array, limits: Limits, workspace: Workspace | None, arm: Arm | None, tip_length: float | None
+) -> Array:
+    """(N,): the largest use of a limit by an arm that rests at positions (N, n)."""
+    values, pairs, sides = [q], [limits.position], workspace_sides(workspace, arm)
+    loads, apart = joint_torques(limits, arm), clearances(workspace, arm, limits.position)
+    if loads is not None:
+        values.append(loads.values(q, np.zeros_like(q), np.zeros_like(q)))
+        pairs.append(loads.room)
+    if sides and arm is not None:
+        tip = np.array(_tip_position(arm, tip_length or 0.0).map(len(q))(q.T)).T
+        values.append(tip[:, [index for index, _ in sides.values()]])
+        pairs.append(np.array([side for _, side in sides.values()]))
+    if apart is not None:
+        values.append(apart.values(q))
+        pairs.append(np.tile([0.0, apart.largest], (len(apart.names), 1)))
+    low, high = np.vstack(pairs).T
+    return np.asarray((np.abs(np.hstack(values) - (low + high) / 2) / ((high - low) / 2)).max(axis=1))
+
+
 def _require_intervals(joints: int, limits: Limits, workspace: Workspace | None) -> None:
     """InputError unless every limit is finite with low below high: use is a share of the interval's half width."""
-    pairs = {name: np.asarray(pair) for name, pair in vars(limits).items() if pair is not None}
+    pairs = {name: np.asarray(pair) for name, pair in limits.pairs.items()}
+    if limits.torque is not None:
+        pairs["torque"] = np.asarray(limits.torque.allowed)
     sides = {} if workspace is None else workspace.sides
     given = pairs | {name: np.array([side]) for name, side in sides.items()}
     for name, pair in given.items():
@@ -227,15 +259,22 @@ def _require_intervals(joints: int, limits: Limits, workspace: Workspace | None)
 
 
 def _joints(motion: Trajectory, limits: Limits, arm: Arm | None) -> Iterator[LimitedQuantity]:
-    pairs = (limits.position, limits.velocity, limits.acceleration, limits.jerk)
     names = [f"q{j}" for j in range(1, motion.joints + 1)]
-    for order, ((quantity, per), pair) in enumerate(zip(LIMITED_DERIVATIVES.items(), pairs, strict=True)):
-        if pair is not None:
+    for order, (quantity, per) in enumerate(LIMITED_DERIVATIVES.items()):
+        if quantity in limits.pairs:
             if order > motion.series.smoothness:
                 what = f"{quantity} is limited, and that of this series is not finite: {motion.series}"
                 raise InputError(what=what, where="limits", remedy="take a smoother series, or leave out the limit")
             units = [unit + per for unit in joint_units(arm, motion.joints)]
-            yield from _limited_quantities(quantity, names, units, motion.enclosure(order), pair)
+            yield from _limited_quantities(quantity, names, units, motion.enclosure(order), limits.pairs[quantity])
+
+
+def _torques(motion: Trajectory, limits: Limits, arm: Arm | None) -> Iterator[LimitedQuantity]:
+    """The joints' torques, Coulomb's friction either way included."""
+    loads = joint_torques(limits, arm)
+    if loads is not None:
+        ends = loads.enclosure(motion)
+        yield from _limited_quantities("torque", loads.names, loads.units, ends, loads.limits.allowed)
 
 
 def _tip(
@@ -309,6 +348,31 @@ def require_zero_inside(limits: Limits) -> None:
             raise InputError(what=what, where="limits", remedy="give a negative low and a positive high limit")
 
 
+def between_poses(series: TrajectorySeries, rig: Rig) -> TrajectorySeries:
+    """The series from and to the poses that the rig's limits state; as it is where they state none.
+
+    Raises InputError for a series that is never at rest, and for a pose, or the way between both, beyond a limit.
+    """
+    limits = rig.limits
+    if limits is None or limits.start is None:
+        return series
+    if not isinstance(series, RestToRest):
+        what = f"limits.start is stated, and no motion of this series starts at rest: {series}"
+        raise InputError(what=what, where="limits", remedy="take --series rest, or leave out limits.start")
+    start, end = (None if pose is None else tuple(pose.tolist()) for pose in (limits.start, limits.end))
+    poses = {"limits.start is": (start, None), "limits.end is": (end, None)}
+    way = f"the way from limits.start to limits.end in {series.duration:g} s is"
+    for called, (first, last) in (poses | {way: (start, end)}).items():
+        if first is not None:
+            still = replace(series, start=first, end=last)
+            motion = Trajectory(still, still.rest(first))
+            worst = LimitUse.of(motion, limits, rig.workspace, rig.arm, rig.tip_length).worst
+            if worst.use > 1:
+                remedy = "take a longer period" if called == way else "state another pose, or widen that limit"
+                raise InputError(what=f"{called} beyond {worst.excess}", where="limits", remedy=remedy)
+    return replace(series, start=start, end=end)
+
+
 def require_enough_samples(series: TrajectorySeries, samples: int) -> None:
     """InputError for fewer samples than the series has basis functions of time: they would not resolve it."""
     functions = series.mixing.shape[1]
@@ -323,10 +387,13 @@ def require_motion_within_period(series: TrajectorySeries, limits: Limits) -> No
     """InputError for a period in which no joint can move by more than an encoder resolves.
 
     Within an acceleration of a magnitude up to a, periodic motion travels at most a T² / 16 from end to end: half the
-    period at a, half at -a.
+    period at a, half at -a; within a jerk of j its acceleration, which reverses, at most j T / 4.
     """
-    strokes = abs(limits.acceleration).max(axis=1) * series.duration**2 / 16
+    reached = {"acceleration": abs(limits.acceleration).max(axis=1)}
+    if limits.jerk is not None:
+        reached["jerk"] = abs(limits.jerk).max(axis=1) * series.duration / 4
     low, high = limits.position.T
-    if not (strokes > SMALLEST_STROKE * (high - low)).any():
-        what = f"in a period of {series.duration:.3g} s no joint can move by a millionth of its range"
-        raise InputError(what=f"{what} within its acceleration limits", where="period", remedy="take a longer period")
+    for name, acceleration in reached.items():
+        if not (acceleration * series.duration**2 / 16 > SMALLEST_STROKE * (high - low)).any():
+            what = f"in a period of {series.duration:.3g} s no joint can move by a millionth of its range"
+            raise InputError(what=f"{what} within its {name} limits", where="period", remedy="take a longer period")

@@ -12,7 +12,7 @@ from design.criteria import BayesianCriterion, Criterion, DOptimal
 from design.exciting_trajectory import DesignInterrupted, ExcitingTrajectory
 from design.information import DiscretePrior, Experiment, unidentifiable_combinations
 from design.information.experiment import ParameterValues
-from design.limits import arm_and_limits, require_enough_samples, require_motion_within_period
+from design.limits import arm_and_limits, between_poses, require_enough_samples, require_motion_within_period
 from design.optimiser.design_task import LOW_HARMONICS, DesignTask
 from design.optimiser.interior_point import TerminationStatus
 from design.optimiser.local_optimum import (
@@ -196,6 +196,7 @@ def design(
     experiment = Experiment.of(designable, arm, design_values, noise=noise)
     _require_identifiable(experiment, limits)
     chosen = series or FreeSeries(joints=arm.joints, harmonics=DEFAULT_HARMONICS, period=DEFAULT_PERIOD)
+    chosen = between_poses(chosen, rig)
     require_enough_samples(chosen, samples)
     require_motion_within_period(chosen, limits)
     optimised, score = experiment, criterion or DOptimal()
@@ -226,11 +227,11 @@ def design(
     optima: tuple[LocalOptimum, ...] = ()
     try:
         optima = _search(task, starts, seed, executor, progress, reached)
-        bound, reason = (
-            _bound(designable, arm, limits, samples, design_values, seed, executor, progress)
-            if bounded
-            else NOT_REQUESTED
-        )
+        bound, reason = NOT_REQUESTED
+        if bounded and isinstance(chosen, RestToRest) and chosen.travel is not None:
+            reason = "the motion ends elsewhere than it starts, and the bound is on periodic ones"
+        elif bounded:
+            bound, reason = _bound(designable, arm, limits, samples, design_values, seed, executor, progress)
     except KeyboardInterrupt:
         best = optima or _best_so_far(task, reached)
         raise DesignInterrupted(result(best, None, "interrupted") if best else None) from None

@@ -16,13 +16,23 @@ from numpy.typing import NDArray
 from modeling.compiled.cache import cached
 from modeling.errors import InputError, file_text, toml_data
 from modeling.kinematics.arm import Arm, PlanarArm, SpatialArm
-from modeling.kinematics.placement import Direction, Vector3, rotated_vector, translated, unit_direction
+from modeling.kinematics.placement import (
+    Body,
+    Direction,
+    Placement,
+    Vector3,
+    rotated_vector,
+    translated,
+    unit_direction,
+)
 from modeling.table import Table, shortened
 
 UNITS = {"link_lengths": "m", "tip_length": "m", "gravity": "m/s²", "x": "m", "y": "m", "z": "m"}
 """Units of entries by their last key."""
-RATES = {"position": "", "velocity": "/s", "acceleration": "/s²", "jerk": "/s³"}
+RATES = {"position": "", "velocity": "/s", "acceleration": "/s²", "jerk": "/s³", "start": "", "end": ""}
 """Suffixes of the unit of a joint's limits to the unit of its coordinate."""
+LOADS = {"torque": "", "coulomb": "", "viscous": " s"}
+"""Suffixes of the unit of a joint's torque and friction to N m, or to N over the unit of its coordinate."""
 CHANNELS = ("noise", "range", "tolerance")
 """Entries with a number for each channel, N or N m."""
 
@@ -59,6 +69,9 @@ def _text(value: Any) -> str:
 def _unit(key: str, joint_unit: str) -> str:
     if key in RATES:
         return " or ".join(unit + RATES[key] for unit in joint_unit.split(" or "))
+    if key in LOADS:
+        torques = {"rad": "N m" + LOADS[key], "m": "N" + LOADS[key] + ("/m" if LOADS[key] else "")}
+        return " or ".join(torques[unit] for unit in joint_unit.split(" or "))
     return "N, N m" if key in CHANNELS else UNITS.get(key, "")
 
 
@@ -83,13 +96,44 @@ class Convention(Enum):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class TorqueLimits:
+    """Limits of the joints' torques, and what they have to move. N m; N of prismatic joints.
+
+    allowed  (n, 2): low and high
+    bodies   what the joints move: the arm's links and what it carries
+    viscous  (n,): friction over speed, N m s/rad (N s/m)
+    coulomb  (n,): friction against the motion, whatever its speed
+    gravity  m/s², along -z of the world
+    """
+
+    allowed: NDArray[np.float64]
+    bodies: tuple[Body, ...]
+    viscous: NDArray[np.float64]
+    coulomb: NDArray[np.float64]
+    gravity: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Limits:
-    """Joint limits, each (n, 2): low and high. rad, rad/s, rad/s², rad/s³; m instead of rad for prismatic joints."""
+    """Joint limits, each (n, 2): low and high. rad, rad/s, rad/s², rad/s³; m instead of rad for prismatic joints.
+
+    torque      of the joints
+    start, end  (n,): where a motion from rest to rest begins and ends
+    """
 
     position: NDArray[np.float64]
     velocity: NDArray[np.float64]
     acceleration: NDArray[np.float64]
     jerk: NDArray[np.float64] | None = None
+    torque: TorqueLimits | None = None
+    start: NDArray[np.float64] | None = None
+    end: NDArray[np.float64] | None = None
+
+    @property
+    def pairs(self) -> dict[str, NDArray[np.float64]]:
+        """Low and high of the stated derivatives of position, by name."""
+        named = {name: getattr(self, name) for name in ("position", "velocity", "acceleration", "jerk")}
+        return {name: pairs for name, pairs in named.items() if pairs is not None}
 
     @property
     def joints(self) -> int:
@@ -185,7 +229,7 @@ class Rig:
         Unit vector along gravity in base axes, (x, y) in the plane, (x, y, z) in six axes; by default along -y, -z. The
         world is then the base turned by the least angle that points gravity down.
     limits : Limits, optional
-        Of joint position, velocity and acceleration; rad, rad/s, rad/s².
+        Of joint position, velocity and acceleration, perhaps jerk and torque; rad, rad/s, rad/s², rad/s³, N m.
     workspace : Workspace, optional
         Where the tip has to stay, m.
     sensor : SensorDescription, optional
@@ -235,14 +279,14 @@ class Rig:
 
     @classmethod
     def _of_tables(cls, tables: RigTables, *, where: str, folder: Path) -> Self:
-        robot, limits = tables["robot"], tables["limits"]
+        robot = tables["robot"]
         lengths, arm, direction = robot["link_lengths"], _spatial_arm(robot, where, folder), robot["gravity_direction"]
         return cls(
             **_stated({key: value for key, value in robot.items() if key not in _CONVERTED}),
             gravity_direction=None if direction is None else unit_direction(direction),
             link_lengths=None if lengths is None else tuple(lengths),
             spatial_arm=arm,
-            limits=None if limits is None else _limits(limits, arm, where),
+            limits=_limits(tables, arm, where, folder),
             workspace=_workspace(tables, arm, where, folder),
             sensor=_sensor(tables["sensor"]),
             columns=tables["columns"],
@@ -293,7 +337,7 @@ class Rig:
         if self.columns is not None:
             data["columns"] = dict(self.columns)
         if self.limits is not None:
-            data["limits"] = _stated({name: _listed(pairs) for name, pairs in vars(self.limits).items()})
+            data |= _limits_data(self.limits)
         if self.workspace is not None:
             data |= _workspace_data(self.workspace)
         return data
@@ -343,22 +387,103 @@ def _urdf_reader() -> ModuleType:
     return urdf
 
 
-def _limits(table: Mapping[str, list[list[float]] | None], arm: SpatialArm | None, where: str) -> Limits:
-    """The limits of the table; missing position and velocity limits are taken from the URDF, which has no others."""
-    counts = [len(pairs) for pairs in table.values() if pairs is not None]
+def _limits_data(limits: Limits) -> dict[str, Any]:
+    """The sections of the rig's data that the limits are made of."""
+    torque = limits.torque
+    given = limits.pairs | {
+        "start": limits.start,
+        "end": limits.end,
+        "torque": None if torque is None else torque.allowed,
+    }
+    data: dict[str, Any] = {"limits": _stated({name: _listed(values) for name, values in given.items()})}
+    if torque is not None:
+        listed = [dict(vars(body)) for body in torque.bodies]
+        data["body"] = [{k: list(v) if isinstance(v, tuple) else v for k, v in body.items()} for body in listed]
+        data["friction"] = {"viscous": _listed(torque.viscous), "coulomb": _listed(torque.coulomb)}
+    return data
+
+
+def _limits(tables: RigTables, arm: SpatialArm | None, where: str, folder: Path) -> Limits | None:
+    """The limits of the tables; missing position and velocity limits are taken from the URDF."""
+    table = tables["limits"]
+    if table is None or table["torque"] is None:
+        if tables["body"] or tables["friction"] is not None:
+            what = "[[body]] and [friction] are of joints with torque limits, and the rig states none"
+            raise InputError(what=what, where=where, remedy="state limits.torque, or leave them out")
+        if table is None:
+            return None
+    counts = [len(pairs) for pairs in table.values() if isinstance(pairs, list)]
     if arm is not None and any(count != arm.joints for count in counts):
         what = f"limits: expected {arm.joints} joints, got {min(counts)} limits"
         raise InputError(
             what=what, where=where, remedy=f"give limits of {', '.join(j.name for j in arm.chain)}, in this order"
         )
-    pairs: dict[str, Any] = dict(table)
+    stated: dict[str, Any] = {name: values for name, values in table.items() if name != "torque"}
     for name in ("position", "velocity", "acceleration"):
-        if pairs[name] is None:
-            pairs[name] = _limits_of_urdf(arm, name, where)
-    arrays = {name: np.array(pair, dtype=float) for name, pair in pairs.items() if pair is not None}
-    for array in arrays.values():
-        array.flags.writeable = False
-    return Limits(**arrays)
+        if stated[name] is None:
+            stated[name] = _limits_of_urdf(arm, name, where)
+    arrays = {name: _constant(values) for name, values in stated.items() if values is not None}
+    if "end" in arrays and "start" not in arrays:
+        raise InputError(what="limits.end is stated, and no start", where=where, remedy="state limits.start too")
+    return Limits(**arrays, torque=_torque(tables, arm, where, folder) if table["torque"] is not None else None)
+
+
+def _constant(values: Any) -> NDArray[np.float64]:
+    array = np.array(values, dtype=float)
+    array.flags.writeable = False
+    return array
+
+
+def _torque(tables: RigTables, arm: SpatialArm | None, where: str, folder: Path) -> TorqueLimits:
+    """The torque limits of the tables, with the masses and the friction of the URDF where it is read."""
+    robot, asked, friction = tables["robot"], tables["limits"]["torque"], tables["friction"] or {}
+    if arm is None:
+        what = "limits.torque: the masses of links are read from a URDF, and the rig states none"
+        raise InputError(what=what, where=where, remedy="state robot.urdf, or leave it out")
+    drives, links = None, {}
+    if robot["spatial_arm"] is None:
+        path = folder / robot["urdf"]
+        drives = _urdf_reader().drive_data(path, robot["sensor_frame"])
+        links = _urdf_reader().link_frames(path, robot["sensor_frame"])
+    if asked == "urdf":
+        weak = [
+            joint.name for joint, effort in zip(arm.chain, drives.effort if drives else (), strict=False) if effort <= 0
+        ]
+        if drives is None or weak:
+            what = (
+                f"limits.torque: the URDF states no effort of '{weak[0]}'"
+                if weak
+                else "limits.torque: there is no URDF"
+            )
+            raise InputError(what=what, where=where, remedy="give the torque of each joint, N m")
+        asked = [(-effort, effort) for effort in drives.effort]
+    stated = [_carried(n, body, links, arm, where) for n, body in enumerate(tables["body"])]
+    bodies = (*(drives.bodies if drives else ()), *stated)
+    if not bodies:
+        what = "limits.torque: no link that the joints move has a mass"
+        raise InputError(
+            what=what, where=where, remedy="add <inertial> to the links of the URDF, or [[body]] to the rig"
+        )
+    resisting = {}
+    for name, of_urdf in (("viscous", "damping"), ("coulomb", "friction")):
+        values = friction.get(name) or (getattr(drives, of_urdf) if drives else (0.0,) * arm.joints)
+        if len(values) != arm.joints or min(values) < 0:
+            what = f"friction.{name}: expected zero or more for each of {arm.joints} joints, got {list(values)}"
+            raise InputError(what=what, where=where, remedy="correct it there, or <dynamics> in the URDF")
+        resisting[name] = _constant(values)
+    return TorqueLimits(
+        allowed=_constant(asked), bodies=bodies, gravity=robot["gravity"] or STANDARD_GRAVITY, **resisting
+    )
+
+
+def _carried(number: int, table: Mapping[str, Any], links: Mapping[str, Any], arm: SpatialArm, where: str) -> Body:
+    """The body of a table, in the frame that its last joint moves."""
+    joint, frame = _place(f"body[{number}]", table, links, arm, where)
+    if joint == 0:
+        what = f"body[{number}]: the base moves it, and no joint"
+        raise InputError(what=what, where=where, remedy="name the link, or the number of joints, that moves it")
+    own = Body(joint=0, mass=table["mass"], centre=table["centre"], inertia=table["inertia"])
+    return own.moved(frame, joint)
 
 
 def _limits_of_urdf(arm: SpatialArm | None, name: str, where: str) -> list[tuple[float, float]]:
@@ -391,18 +516,28 @@ def _workspace(tables: RigTables, arm: SpatialArm | None, where: str, folder: Pa
     if (capsules or half_spaces) and arm is None:
         what = "[[capsule]] and [[half_space]] are of arms that are read from a URDF, and the rig states none"
         raise InputError(what=what, where=where, remedy="state robot.urdf, or leave them out")
-    if half_spaces and not any(capsule["joint"] != 0 for capsule in capsules):
+    robot, sides = tables["robot"], {} if box is None else _stated(box)
+    path, fitted, links = folder / (robot["urdf"] or ""), list[Capsule](), {}
+    if sides.get("capsules") is not None:
+        if robot["urdf"] is None or robot["spatial_arm"] is not None:
+            what = 'workspace.capsules: "urdf" is of arms that are read from one, and the rig names none'
+            raise InputError(what=what, where=where, remedy="state robot.urdf, or leave it out")
+        stated = {capsule["link"] for capsule in capsules}
+        for name, joint, start, end, radius in _urdf_reader().collision_capsules(path, robot["sensor_frame"], stated):
+            fitted.append(Capsule(name=name, joint=joint, start=start, end=end, radius=radius))
+        if not fitted and not stated:
+            what = "workspace.capsules: no link of the URDF has collision geometry"
+            raise InputError(what=what, where=where, remedy="state [[capsule]] of the links")
+    if any(capsule["link"] is not None for capsule in capsules) and robot["urdf"]:
+        links = _urdf_reader().link_frames(path, robot["sensor_frame"])
+    listed = [_capsule(n, table, links, arm, where) for n, table in enumerate(capsules, start=1)]
+    if half_spaces and not any(capsule.joint for capsule in (*listed, *fitted)):
         what = "[[half_space]]: no [[capsule]] moves with the arm, to be kept inside"
         raise InputError(what=what, where=where, remedy="add the capsules of the arm's links")
-    links: Mapping[str, Any] = {}
-    if any(capsule["link"] is not None for capsule in capsules):
-        robot = tables["robot"]
-        links = _urdf_reader().link_frames(folder / robot["urdf"], robot["sensor_frame"]) if robot["urdf"] else {}
-    sides: dict[str, Any] = {} if box is None else _stated(box)
     return Workspace(
         **{axis: (sides[axis][0], sides[axis][1]) for axis in "xyz" if axis in sides},
         clearance=sides.get("clearance", 0.0),
-        capsules=tuple(_capsule(n, table, links, arm, where) for n, table in enumerate(capsules, start=1)),
+        capsules=(*listed, *fitted),
         half_spaces=tuple(_half_space(table) for table in half_spaces),
     )
 
@@ -411,21 +546,32 @@ def _capsule(
     number: int, table: Mapping[str, Any], links: Mapping[str, Any], arm: SpatialArm | None, where: str
 ) -> Capsule:
     """The capsule of a table, in the frame that its last joint moves."""
-    start, end = table["start"], table["end"] or table["start"]
-    joint, link = table["joint"] or 0, table["link"]
-    if link is not None:
-        if link not in links:
-            what = f"capsule[{number - 1}].link: no link '{link}' between the root and the sensor"
-            raise InputError(what=what, where=where, remedy=f"name one of {', '.join(links)}")
-        joint, frame = links[link]
-        start, end = (translated(frame.position, rotated_vector(frame.quaternion, point)) for point in (start, end))
-    if arm is not None and joint > arm.joints:
-        what = f"capsule[{number - 1}].joint: the arm has {arm.joints} joints, got {joint}"
-        raise InputError(what=what, where=where, remedy="give the number of joints that move the capsule")
-    name = table["name"] or link or (f"capsule {number}" if joint else f"obstacle {number}")
+    joint, frame = _place(f"capsule[{number - 1}]", table, links, arm, where)
+    ends = (table["start"], table["end"] or table["start"])
+    start, end = (translated(frame.position, rotated_vector(frame.quaternion, point)) for point in ends)
+    name = table["name"] or table["link"] or (f"capsule {number}" if joint else f"obstacle {number}")
     x, y, z = start
     i, j, k = end
     return Capsule(name=name, joint=joint, start=(x, y, z), end=(i, j, k), radius=table["radius"])
+
+
+def _place(
+    called: str, table: Mapping[str, Any], links: Mapping[str, Any], arm: SpatialArm | None, where: str
+) -> tuple[int, Placement]:
+    """The joints that move the link that a table names, and its place in the frame that the last of them moves."""
+    joint, link = table["joint"] or 0, table["link"]
+    if link is not None:
+        if link not in links:
+            what = f"{called}.link: no link '{link}' between the root and the sensor"
+            raise InputError(what=what, where=where, remedy=f"name one of {', '.join(links)}")
+        joint, frame = links[link]
+        return joint, frame
+    if arm is not None and joint > arm.joints:
+        what = f"{called}.joint: the arm has {arm.joints} joints, got {joint}"
+        raise InputError(
+            what=what, where=where, remedy=f"give the number of joints that move the {called.split('[')[0]}"
+        )
+    return joint, Placement()
 
 
 def _half_space(table: Mapping[str, Any]) -> HalfSpace:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self, TypeVar, get_args
 
+import numpy as np
 from pydantic import (
     AfterValidator,
     BaseModel,
@@ -79,6 +80,8 @@ def _table_in(annotation: Any) -> Any:
 
 
 SPATIAL_ARM = TypeAdapter(SpatialArm)
+LEAST_MOMENT = 1e-9
+"""kg m²: by which rounding in a file may make a thin body's moments impossible; no link has as little."""
 LARGEST_GRAVITY = 100.0
 """m/s²: that of Jupiter is 25, and 9806 is in mm/s²."""
 
@@ -116,6 +119,14 @@ def _normal(components: list[float]) -> list[float]:
     return components
 
 
+def _inertia(moments: list[float]) -> list[float]:
+    xx, xy, xz, yy, yz, zz = moments
+    principal = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    if principal[0] + principal[1] < principal[2] - LEAST_MOMENT or principal[0] < -LEAST_MOMENT:
+        raise ValueError(f"expected Ixx, Ixy, Ixz, Iyy, Iyz, Izz of a body about its centre, got {moments}")
+    return moments
+
+
 def _not_negative(value: float) -> float:
     if not 0 <= value < LARGEST_NUMBER:
         raise ValueError(f"expected zero or a positive number of m, got {value}")
@@ -140,6 +151,8 @@ PositiveNumber = Annotated[float, AfterValidator(_positive)]
 LimitPair = Annotated[tuple[float, float], BeforeValidator(symmetric_limits)]
 LimitPairs = Annotated[list[LimitPair], Field(min_length=1)]
 LimitInterval = Annotated[tuple[float, float], BeforeValidator(_span)]
+Joints = Annotated[list[Coordinate], Field(min_length=1)]
+Resistances = Annotated[list[Annotated[float, Field(ge=0, lt=LARGEST_NUMBER)]], Field(min_length=1)]
 Channel = Literal["fx", "fy", "fz", "tx", "ty", "tz", "tau"]
 PerChannel = Annotated[dict[Channel, PositiveNumber], Field(min_length=1)]
 
@@ -168,12 +181,18 @@ class RobotTable(StrictTable):
 
 
 class LimitsTable(StrictTable):
-    """[limits], in rad, rad/s, rad/s², rad/s³, m for prismatic joints; what is missing may be in a URDF."""
+    """[limits], in rad, rad/s, rad/s², rad/s³, m for prismatic joints; what is missing may be in a URDF.
+
+    torque in N m, N for prismatic joints, or "urdf": its effort; start and end are joint coordinates.
+    """
 
     position: LimitPairs | None = None
     velocity: LimitPairs | None = None
     acceleration: LimitPairs | None = None
     jerk: LimitPairs | None = None
+    torque: LimitPairs | Literal["urdf"] | None = None
+    start: Joints | None = None
+    end: Joints | None = None
 
     @model_validator(mode="after")
     def _same_joints(self) -> Self:
@@ -184,16 +203,17 @@ class LimitsTable(StrictTable):
     @property
     def counts(self) -> dict[str, int]:
         """Number of joints of each list."""
-        return {name: len(pairs) for name, pairs in self if pairs is not None}
+        return {name: len(pairs) for name, pairs in self if isinstance(pairs, list)}
 
 
 class WorkspaceTable(StrictTable):
-    """[workspace], in m."""
+    """[workspace], in m; capsules = "urdf": around the collision geometry of its links."""
 
     x: LimitInterval | None = None
     y: LimitInterval | None = None
     z: LimitInterval | None = None
     clearance: Annotated[float, AfterValidator(_not_negative)] = 0.0
+    capsules: Literal["urdf"] | None = None
 
 
 class CapsuleTable(StrictTable):
@@ -211,6 +231,29 @@ class CapsuleTable(StrictTable):
         if self.link is not None and self.joint is not None:
             raise ValueError("expected link or joint, got both")
         return self
+
+
+class BodyTable(StrictTable):
+    """[[body]], of a link of the URDF or of so many joints, in kg, m and, about the centre, kg m²."""
+
+    link: str | None = None
+    joint: Annotated[int, Field(ge=1)] | None = None
+    mass: PositiveNumber
+    centre: Point = [0.0, 0.0, 0.0]
+    inertia: Annotated[list[Coordinate], Field(min_length=6, max_length=6), AfterValidator(_inertia)] = [0.0] * 6
+
+    @model_validator(mode="after")
+    def _one_place(self) -> Self:
+        if (self.link is None) == (self.joint is None):
+            raise ValueError(f"expected link or joint, got {'both' if self.link else 'neither'}")
+        return self
+
+
+class FrictionTable(StrictTable):
+    """[friction] of the joints, in N m s/rad and N m, or N s/m and N."""
+
+    viscous: Resistances | None = None
+    coulomb: Resistances | None = None
 
 
 class HalfSpaceTable(StrictTable):
@@ -246,6 +289,8 @@ class RigTable(StrictTable):
     workspace: WorkspaceTable | None = None
     capsule: list[CapsuleTable] = []
     half_space: list[HalfSpaceTable] = []
+    body: list[BodyTable] = []
+    friction: FrictionTable | None = None
     sensor: SensorTable = SensorTable()
     columns: dict[str, Any] | None = None
 

@@ -17,10 +17,8 @@ PARAMETERS = 6
 """bias_fx, bias_fy, bias_tau, m, mlg, I (22.6)."""
 LARGEST = np.array([np.radians([60.0, 70.0, 80.0]), [2.0, 2.2, 3.5], [10.0, 10.0, 15.0]])
 """(3, n): the largest |q|, |dq| and |ddq| of each joint, rad, rad/s, rad/s²."""
-LIMITS = Limits(**{
-    name: np.stack([-largest, largest], axis=1)
-    for name, largest in zip(("position", "velocity", "acceleration"), LARGEST, strict=True)
-})  # fmt: skip
+POSITION, VELOCITY, ACCELERATION = (np.stack([-largest, largest], axis=1) for largest in LARGEST)
+LIMITS = Limits(position=POSITION, velocity=VELOCITY, acceleration=ACCELERATION)
 RIG = Rig(name="reference problem", link_lengths=ARM.link_lengths, tip_length=0.2, limits=LIMITS)
 CHAPTER = PaperSeries(period=PERIOD)
 """22.10, 15 coefficients."""

@@ -23,7 +23,7 @@ from design.discrimination.model_pair import (
 from design.exciting_trajectory import DesignInterrupted
 from design.information.experiment import Experiment, ParameterValues
 from design.information.sensitivities import CLOCK_SIGNALS, signal_names
-from design.limits import LimitUse, arm_and_limits, require_enough_samples, require_motion_within_period
+from design.limits import LimitUse, arm_and_limits, between_poses, require_enough_samples, require_motion_within_period
 from design.optimiser.design_task import DesignTask
 from design.optimiser.local_optimum import LocalOptimum, optimise
 from design.optimiser.objective import Objective
@@ -64,6 +64,7 @@ class DesignSetting:
     def of(cls, rig: Rig, *, series: TrajectorySeries, samples: int, noise: StationaryNoise) -> Self:
         """Of a rig; InputError when it has no arm or no limits, the samples are too few or the period is too short."""
         arm, limits = arm_and_limits(rig)
+        series = between_poses(series, rig)
         require_enough_samples(series, samples)
         require_motion_within_period(series, limits)
         return cls(

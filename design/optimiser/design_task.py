@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import brentq
 
 from design.limits import LIMITED_DERIVATIVES, LimitedQuantity, LimitUse
 from design.optimiser.limit_constraints import LimitConstraints
@@ -21,7 +22,8 @@ from design.optimiser.objective import (
 )
 from design.random_feasible import random_feasible_trajectory
 from design.trajectories.fourier import FreeSeries
-from design.trajectories.trajectory import Trajectory
+from design.trajectories.spline import RestToRest
+from design.trajectories.trajectory import Trajectory, TrajectorySeries
 from modeling.kinematics.arm import Arm
 from modeling.rig import Limits, Workspace
 from modeling.space import Space
@@ -39,8 +41,6 @@ FEWEST_SAMPLES = 48
 """Samples at least in a search, which replace more."""
 SAMPLES_PER_FUNCTION = 4
 """Samples for each basis function in a search: four give the mean over time to 1e-6."""
-CONTRACTION_BISECTIONS = 20
-"""Most bisections of a contraction, should its accuracy not be reached before."""
 CONTRACTION_ACCURACY = 1e-7
 """Relative accuracy of a contraction: its error in the criterion is far below the optimiser's accuracy."""
 ROUNDING_CONTRACTION = 1 - 1e-9
@@ -65,8 +65,11 @@ class DesignTask:
     def random(self, seed: Sequence[int]) -> Trajectory:
         """A random trajectory of few harmonics that uses nine tenths of its limits, projected on the series."""
         series = self.objective.series
+        drawn: TrajectorySeries = FreeSeries(joints=series.joints, harmonics=LOW_HARMONICS, period=series.duration)
+        if isinstance(series, RestToRest) and series.start is not None:
+            drawn = replace(series, inner=drawn)
         motion = random_feasible_trajectory(
-            FreeSeries(joints=series.joints, harmonics=LOW_HARMONICS, period=series.duration),
+            drawn,
             self.limits,
             workspace=self.workspace,
             arm=self.arm,
@@ -148,7 +151,7 @@ def contracted_into_limits(task: DesignTask, motion: Trajectory) -> Trajectory |
     contracted = task.towards_rest(motion, motion.series.by_coefficient(factors))
     if task.use(contracted).worst.use <= 1:
         return contracted
-    return None if static.worst.use > 1 else _bisected(task, contracted)
+    return None if static.worst.use > 1 else _largest_inside(task, contracted)
 
 
 def _linear_factor(moving: LimitedQuantity, static: LimitedQuantity) -> float:
@@ -164,13 +167,13 @@ def _linear_factor(moving: LimitedQuantity, static: LimitedQuantity) -> float:
     return ROUNDING_CONTRACTION * min(factors) if factors else 1.0
 
 
-def _bisected(task: DesignTask, motion: Trajectory) -> Trajectory:
-    """The contraction by bisection of its factor, for nonlinear limits."""
-    low, high = 0.0, 1.0
-    for _ in range(CONTRACTION_BISECTIONS):
-        middle = (low + high) / 2
-        inside = task.use(task.towards_rest(motion, middle)).worst.use <= 1
-        low, high = (middle, high) if inside else (low, middle)
-        if high - low < CONTRACTION_ACCURACY:
-            break
-    return task.towards_rest(motion, low)
+def _largest_inside(task: DesignTask, motion: Trajectory) -> Trajectory:
+    """The contraction by the factor at which the worst limit is just reached, for nonlinear limits."""
+
+    def beyond(factor: float) -> float:
+        return task.use(task.towards_rest(motion, factor)).worst.use - 1
+
+    factor = brentq(beyond, 0.0, 1.0, xtol=CONTRACTION_ACCURACY / 4) - CONTRACTION_ACCURACY / 2
+    while factor > 0 and beyond(factor) > 0:  # where the worst limit is reached more than once, or it jumps
+        factor = max(0.0, factor - (1 - factor))
+    return task.towards_rest(motion, max(factor, 0.0))

@@ -127,6 +127,8 @@ class InteriorPoint:
 
     derivatives: ObjectiveDerivatives
     limits: LimitRows
+    adjustable: NDArray[np.bool_] | bool = True
+    """(k,): the coefficients that move; all."""
 
     def solve(self, start: Array, *, first: float, last: float, iterations: int) -> OptimiserSolution:
         """From z (k,) inside; the barrier parameters mu, in nats, go from the first to the last.
@@ -135,11 +137,11 @@ class InteriorPoint:
         """
         slack, mu, evaluations = self.limits.slack(start), first, 1
         point = PrimalDualPoint(start, self.derivatives.at(start), slack, mu / slack)
-        polytope, memory = self.limits.about(start), LimitedMemory()
+        polytope, memory = self.limits.about(start, slack), LimitedMemory()
         barriers = list[float]()
         for _ in range(iterations):
             gradient, hessian = point.objective.gradient, point.objective.hessian
-            stationarity = polytope.pushed(point.dual) - gradient
+            stationarity = np.where(self.adjustable, polytope.pushed(point.dual) - gradient, 0.0)
             barriers.append(point.barrier(mu))
             stalled = hessian is None and _stalled(barriers)
             barrier = mu
@@ -148,19 +150,27 @@ class InteriorPoint:
             if mu <= last and solved:
                 return OptimiserSolution(point.z, TerminationStatus.CONVERGED, evaluations)
             barriers = barriers if mu == barrier else []
-            slope = polytope.pushed(mu / point.slack) - gradient
+            slope = np.where(self.adjustable, polytope.pushed(mu / point.slack) - gradient, 0.0)
             curvature = memory.matrix(slope) if hessian is None else -hessian
-            step = newton_descent_step(polytope.gram(point.dual / point.slack) + curvature, slope)
+            step = self._step(polytope.gram(point.dual / point.slack) + curvature, slope)
             moved, tried = self._line_search(point, polytope.change(step), step, float(slope @ step), mu)
             evaluations += tried
             if moved is None:
                 return OptimiserSolution(point.z, TerminationStatus.FAILED, evaluations)
-            before, polytope = polytope, self.limits.about(moved.z)
+            before, polytope = polytope, self.limits.about(moved.z, moved.slack)
             if hessian is None:
                 bent = polytope.pushed(moved.dual) - before.pushed(moved.dual)
                 memory.remember(moved.z - point.z, bent - moved.objective.gradient + gradient)
             point = moved
         return OptimiserSolution(point.z, TerminationStatus.ITERATIONS, evaluations)
+
+    def _step(self, matrix: Array, slope: Array) -> Array:
+        """Newton's descent step (k,) of the coefficients that move."""
+        if np.all(self.adjustable):
+            return newton_descent_step(matrix, slope)
+        step, moving = np.zeros(len(slope)), np.flatnonzero(self.adjustable)
+        step[moving] = newton_descent_step(matrix[np.ix_(moving, moving)], slope[moving])
+        return step
 
     def _line_search(
         self, point: PrimalDualPoint, change: Array, step: Array, slope: float, mu: float
@@ -171,7 +181,7 @@ class InteriorPoint:
         before, length, tried = point.barrier(mu), _longest(point.slack, change), 0
         while length > SHORTEST_STEP:
             z = point.z + length * step
-            slack = point.slack + length * change if self.limits.places is None else self.limits.slack(z)
+            slack = point.slack + length * change if not self.limits.bent else self.limits.slack(z)
             if slack.min() > 0:
                 tried += 1
                 dual = point.dual + _longest(point.dual, dual_step) * dual_step

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Protocol, Self
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from design.clearance import clearances
+from design.joint_torque import joint_torques
 from design.limits import workspace_sides
 from design.optimiser.objective import SampledFunction
 from design.trajectories.trajectory import TrajectorySeries
@@ -71,15 +73,17 @@ class Polytope:
         return total
 
 
-class PlaceMeasure(Protocol):
-    """Functions c (S) of the joints' positions that are limited."""
+class Measure(Protocol):
+    """Functions c (S) of the joints' positions, or of these, velocities and accelerations, that are limited."""
 
-    def values(self, q: Array) -> Array:
-        """(N, S) at positions (N, n)."""
+    @property
+    def values(self) -> Callable[..., Array]:
+        """(N, S) of positions and what else they depend on, each (N, n)."""
         ...
 
-    def slopes(self, q: Array) -> Array:
-        """(N, S, n): their derivatives at positions (N, n)."""
+    @property
+    def slopes(self) -> Callable[..., Array]:
+        """Of the same their derivatives by each of these, (N, S, n) beside one another."""
         ...
 
 
@@ -111,58 +115,56 @@ def _tip_functions(tip: TipCoordinates, count: int) -> tuple[SampledFunction, Sa
 
 
 @dataclass(frozen=True, eq=False)
-class PlaceRows:
-    """Limits -1 <= (c(q) - middle) / half <= 1 of S functions of the joints' positions, at T instants.
+class MeasureRows:
+    """Limits -1 <= (c - middle) / half <= 1 of S functions of the joints' motion, at T instants.
 
-    measure   c (N, S) and its slopes (N, S, n) of positions (N, n)
-    basis     (T, n, k): positions by coefficient
+    basis  (D, T, n, k): the D derivatives of positions, from them on, of which the functions are, by coefficient
     """
 
-    measure: PlaceMeasure
+    measure: Measure
     basis: Array
     middle: Array
     half: Array
 
+    def __len__(self) -> int:
+        return int(self.basis.shape[1]) * len(self.half)
+
     def value(self, z: Array) -> Array:
         """The rows (T S,) at z (k,)."""
-        return np.asarray(((self.measure.values(self.basis @ z) - self.middle) / self.half).ravel())
+        return np.asarray(((self.measure.values(*(self.basis @ z)) - self.middle) / self.half).ravel())
 
-    def about(self, z: Array, place: slice) -> JointBlock:
-        """Their linear expansion about z (k,)."""
-        slopes = self.measure.slopes(self.basis @ z) / self.half[:, None]
-        matrix = (slopes @ self.basis).reshape(-1, len(z))
-        return JointBlock(np.arange(len(z)), matrix, matrix @ z - self.value(z), place)
+    def about(self, z: Array, value: Array, place: slice) -> JointBlock:
+        """Their linear expansion about z (k,), where they are `value` (T S,)."""
+        slopes = self.measure.slopes(*(self.basis @ z)) / self.half[:, None]
+        by_derivative = np.split(slopes, len(self.basis), axis=2)
+        matrix = sum(slope @ basis for slope, basis in zip(by_derivative, self.basis, strict=True))
+        matrix = np.asarray(matrix).reshape(-1, len(z))
+        return JointBlock(np.arange(len(z)), matrix, matrix @ z - value, place)
 
 
 @dataclass(frozen=True, eq=False)
 class LimitRows:
-    """-1 <= c(z) <= 1: the joints' limits, a polytope, and those of places that follow from the joints' positions."""
+    """-1 <= c(z) <= 1: the joints' limits, a polytope, and those that are not linear, of places and torques."""
 
     joints: Polytope
-    places: PlaceRows | None = None
+    bent: tuple[MeasureRows, ...] = ()
 
     def __len__(self) -> int:
-        return len(self.joints) if self.places is None else len(self.joints) + self._count
-
-    @property
-    def _count(self) -> int:
-        assert self.places is not None
-        return len(self.places.basis) * len(self.places.half)
+        return len(self.joints) + sum(map(len, self.bent))
 
     def slack(self, z: Array) -> Array:
         """(2, R): the slacks to the high and to the low limits at z (k,); positive inside."""
-        slack = self.joints.slack(z)
-        if self.places is None:
-            return slack
-        value = self.places.value(z)
-        return np.hstack([slack, np.stack([1 - value, 1 + value])])
+        values = [rows.value(z) for rows in self.bent]
+        return np.hstack([self.joints.slack(z), *(np.stack([1 - value, 1 + value]) for value in values)])
 
-    def about(self, z: Array) -> Polytope:
-        """The limits expanded linearly about z (k,)."""
-        if self.places is None:
-            return self.joints
-        place = slice(len(self.joints), len(self))
-        return Polytope((*self.joints.blocks, self.places.about(z, place)), self.joints.size)
+    def about(self, z: Array, slack: Array) -> Polytope:
+        """The limits expanded linearly about z (k,), with their slacks (2, R) there."""
+        blocks, at = list(self.joints.blocks), len(self.joints)
+        for rows in self.bent:
+            place = slice(at, at + len(rows))
+            blocks.append(rows.about(z, 1 - slack[0, place], place))
+            at += len(rows)
+        return Polytope(tuple(blocks), self.joints.size) if self.bent else self.joints
 
     def reach(self, static: Array, z: Array, margin: float) -> float | None:
         """A large f up to 1 for which static + f (z - static) leaves a share `margin` of the slacks of `static`.
@@ -175,7 +177,7 @@ class LimitRows:
         linear = slack[:, : len(self.joints)]
         used = float(((linear - self.joints.slack(z)) / linear).max())
         share = min(1.0, (1 - margin) / max(used, 1 - margin))
-        while self.places is not None and (self.slack(static + share * (z - static)) < margin * slack).any():
+        while self.bent and (self.slack(static + share * (z - static)) < margin * slack).any():
             share *= SHRINKING
         return share
 
@@ -199,30 +201,39 @@ TIP_MARGIN = 0.01
 their limits moves the tip by millimetres, not always inwards."""
 CLEARANCE_MARGIN = 0.003
 """The same of clearances, m, which are often a few centimetres: more of it is lost than a contraction moves."""
+TORQUE_MARGIN = 0.003
+"""The same of torques, as a share of half their range: gravity's part is not contracted."""
 LARGEST_MARGIN_SHARE = 0.01
 """The margin is no more than this share of the workspace's half width, so that a narrow one stays."""
+RAMP_FUNCTIONS = 2
+"""Basis functions for which a ramp counts: with those of the series alone six joints' jerk in ramps of a tenth of the
+period was passed by 12 %, and five rounds of more instants did not end it."""
+MOST_FINER = 4
+"""Times as many instants as the series has by itself, at most: a ramp of a hundredth of the period would ask for 20."""
 NEAR_LIMIT = 0.8
 """Share of a limit above which it is imposed at the fine instants; elsewhere at the medium ones."""
 
 
 @dataclass(frozen=True, eq=False)
-class LimitedPlaces:
-    """The limits of a workspace as functions of the joints' positions: the tip's box, and clearances.
+class LimitedMeasures:
+    """Limits that are not linear: of a workspace (the tip's box, clearances), or of torques.
 
-    middle, half (S,): of each, m, within a margin.
+    derivatives   of which they are functions: 1, of the positions alone, or 3
+    middle, half  (S,): of each within a margin, m, or N m (N)
     """
 
-    measures: tuple[PlaceMeasure, ...]
+    measures: tuple[Measure, ...]
+    derivatives: int
     middle: Array
     half: Array
 
     @classmethod
     def of(
         cls, limits: Limits, workspace: Workspace | None, arm: Arm | None, tip_length: float | None
-    ) -> LimitedPlaces | None:
-        """None where the workspace limits nothing."""
+    ) -> tuple[LimitedMeasures, ...]:
+        """Those of the workspace and those of the torques, where there are any."""
         sides, apart = workspace_sides(workspace, arm), clearances(workspace, arm, limits.position)
-        measures, ends = list[PlaceMeasure](), [side for _, side in sides.values()]
+        measures, ends = list[Measure](), [side for _, side in sides.values()]
         margins = [min(TIP_MARGIN, LARGEST_MARGIN_SHARE * (high - low) / 2) for low, high in ends]
         if sides and arm is not None:
             measures.append(TipCoordinates(arm, tip_length or 0.0, tuple(index for index, _ in sides.values())))
@@ -230,18 +241,23 @@ class LimitedPlaces:
             measures.append(apart)
             ends += [(0.0, apart.largest)] * len(apart.names)
             margins += [CLEARANCE_MARGIN] * len(apart.names)
-        if not measures:
-            return None
-        low, high = np.array(ends, dtype=float).T
-        return cls(tuple(measures), (low + high) / 2, (high - low) / 2 - np.array(margins))
+        limited = list[LimitedMeasures]()
+        if measures:
+            low, high = np.array(ends, dtype=float).T
+            limited.append(cls(tuple(measures), 1, (low + high) / 2, (high - low) / 2 - np.array(margins)))
+        torques = joint_torques(limits, arm)
+        if torques is not None:
+            low, high = torques.room.T
+            limited.append(cls((torques,), 3, (low + high) / 2, (1 - TORQUE_MARGIN) * (high - low) / 2))
+        return tuple(limited)
 
-    def values(self, q: Array) -> Array:
-        """(N, S) at positions (N, n)."""
-        return np.hstack([measure.values(q) for measure in self.measures])
+    def values(self, *motion: Array) -> Array:
+        """(N, S) at positions (N, n) and what else they depend on."""
+        return np.hstack([measure.values(*motion) for measure in self.measures])
 
-    def slopes(self, q: Array) -> Array:
-        """(N, S, n) at positions (N, n)."""
-        return np.concatenate([measure.slopes(q) for measure in self.measures], axis=1)
+    def slopes(self, *motion: Array) -> Array:
+        """(N, S, n) by each of these, beside one another."""
+        return np.concatenate([measure.slopes(*motion) for measure in self.measures], axis=1)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -249,15 +265,13 @@ class LimitConstraints:
     """(x - middle) / half width within [-1, 1] for position, velocity, acceleration (and jerk) at some instants.
 
     instants   by derivative and joint, s
-    still      instants at which the limits of places are imposed, s
-    places     what these limits are of, where there are any
+    bent       limits that are not linear, and the instants at which each are imposed, s
     """
 
     series: TrajectorySeries
     limits: Limits
     instants: Instants
-    still: Array
-    places: LimitedPlaces | None = None
+    bent: tuple[tuple[LimitedMeasures, Array], ...] = ()
 
     @classmethod
     def medium(
@@ -275,23 +289,24 @@ class LimitConstraints:
             series=series,
             limits=limits,
             instants={(order, j): some for order in limited_orders(limits) for j in range(series.joints)},
-            still=some,
-            places=LimitedPlaces.of(limits, workspace, arm, tip_length),
+            bent=tuple((measures, some) for measures in LimitedMeasures.of(limits, workspace, arm, tip_length)),
         )
 
     def refined(self, coefficients: Array) -> Self:
         """With all fine instants at which the trajectory is near a limit, and those of its extremes beyond it."""
         fine = _instants(self.series)[1]
         instants = {key: _more(times, fine, self._use(coefficients, key, fine)) for key, times in self.instants.items()}
-        return replace(self, instants=instants, still=_more(self.still, fine, self._place_use(coefficients, fine)))
+        bent = [(of, _more(times, fine, self._bent_use(of, coefficients, fine))) for of, times in self.bent]
+        return replace(self, instants=instants, bent=tuple(bent))
 
     @cached_property
     def rows(self) -> LimitRows:
         """The limits at the instants."""
-        return LimitRows(self.polytope, None if self.places is None else self._place_rows(self.places, self.still))
+        return LimitRows(self.polytope, tuple(self._bent_rows(of, times) for of, times in self.bent))
 
-    def _place_rows(self, places: LimitedPlaces, times: Array) -> PlaceRows:
-        return PlaceRows(places, self.series.basis(times, 0), places.middle, places.half)
+    def _bent_rows(self, of: LimitedMeasures, times: Array) -> MeasureRows:
+        basis = np.stack([self.series.basis(times, order) for order in range(of.derivatives)])
+        return MeasureRows(of, basis, of.middle, of.half)
 
     @cached_property
     def polytope(self) -> Polytope:
@@ -320,10 +335,8 @@ class LimitConstraints:
         value = self.series.evaluate(coefficients, times, order)[:, joint]
         return np.asarray(np.abs(value - middle[joint]) / half[joint])
 
-    def _place_use(self, coefficients: Array, times: Array) -> Array:
-        if self.places is None:
-            return np.zeros(len(times))
-        value = self._place_rows(self.places, times).value(coefficients)
+    def _bent_use(self, of: LimitedMeasures, coefficients: Array, times: Array) -> Array:
+        value = self._bent_rows(of, times).value(coefficients)
         return np.asarray(np.abs(value).reshape(len(times), -1).max(axis=1))
 
 
@@ -344,6 +357,8 @@ def _instants(series: TrajectorySeries) -> tuple[Array, Array]:
     functions, pieces = series.mixing.shape[1], len(series.breaks) - 1
     if pieces > functions / 2:
         return series.instants(MEDIUM_PER_PIECE * pieces), series.instants(FINE_PER_PIECE * pieces)
+    shortest = float(np.diff(series.breaks).min())
+    functions = int(np.clip(RAMP_FUNCTIONS * series.duration / shortest, functions, MOST_FINER * functions))
     return series.instants(MEDIUM_INSTANTS * functions), series.instants(FINE_INSTANTS * functions)
 
 

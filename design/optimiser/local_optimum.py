@@ -156,7 +156,7 @@ def _solved(
         insides.append(start.coefficients)
     if not insides:
         raise _infeasible(task, start)
-    method = InteriorPoint(derivatives, limits)
+    method = InteriorPoint(derivatives, limits, start.series.adjustable)
     return method.solve(insides[0], first=max(first, last), last=last, iterations=task.iterations)
 
 
@@ -198,9 +198,9 @@ def _infeasible(task: DesignTask, start: Trajectory) -> InputError:
     """Names the limit that the start's mean posture uses most."""
     at = task.use(task.towards_rest(start, 0.0)).worst
     remedy = "widen them, or give a series with more freedom (an offset, more harmonics)"
-    what = "no trajectory within the limits was found"
-    if at.use >= 1:
-        what += f": the posture nearest to them is at or beyond the {at.side} limit of the {at.quantity} of {at.name}"
+    what = "no trajectory within the limits was found: the posture nearest to them "
+    nearly = f"uses {at.use:.2%} of the {at.side} limit of the {at.quantity} of {at.name}, which leaves no room to move"
+    what += f"is beyond {at.excess}" if at.use > 1 else nearly
     return InputError(what=what, where="limits", remedy=remedy)
 
 

@@ -7,6 +7,8 @@ from functools import cached_property
 from math import comb
 
 import numpy as np
+import numpy.typing as npt
+from numpy.typing import NDArray
 from scipy.interpolate import BPoly, BSpline
 
 from design.trajectories.trajectory import Array, TrajectorySeries, grid_bound, require_positive_duration
@@ -22,7 +24,9 @@ class RestToRest(TrajectorySeries):
 
     The ramp rises from 0 to 1 in the first seconds and falls in the last, smooth to its third derivative, so that
     velocity, acceleration and jerk are exactly zero at both ends; between, the trajectory is the inner one. Repeated,
-    it is periodic and as smooth. Coefficients: the posture of both ends (n,), then the inner ones.
+    it is periodic and as smooth. Coefficients: the posture of both ends (n,), then the inner ones. Where the posture is
+    stated a design does not choose it; to another one at the end it moves all the while, as smoothly: by a multiple
+    (n,) of its own, after the posture.
 
     Parameters
     ----------
@@ -30,11 +34,15 @@ class RestToRest(TrajectorySeries):
         The periodic series.
     ramp : float
         Time of the rise and of the fall, s: at most half the period, which includes both.
+    start : tuple of float, optional
+        The posture at both ends (n,), or at the first; by default chosen.
+    end : tuple of float, optional
+        That at the end; by default the start.
 
     Raises
     ------
     InputError
-        When the inner series is not periodic or the ramps do not fit into its period.
+        When the inner series is not periodic, the ramps do not fit into its period, or a posture is of other joints.
 
     Examples
     --------
@@ -47,6 +55,8 @@ class RestToRest(TrajectorySeries):
 
     inner: TrajectorySeries
     ramp: float
+    start: tuple[float, ...] | None = None
+    end: tuple[float, ...] | None = None
     joints: int = field(init=False)
 
     def __post_init__(self) -> None:
@@ -57,9 +67,38 @@ class RestToRest(TrajectorySeries):
         if not 0 < self.ramp <= self.duration / 2:
             what = f"a ramp of at most half the duration of {self.duration} s was expected, and {self.ramp} s came"
             raise InputError(what=what, where="RestToRest", remedy="give a shorter ramp or a longer period")
+        if any(pose is not None and len(pose) != self.joints for pose in (self.start, self.end)):
+            what = f"postures of {self.joints} joints were expected of start and end"
+            raise InputError(what=what, where="RestToRest", remedy="give a coordinate for each joint")
+        if self.end is not None and self.start is None:
+            raise InputError(what="an end was given without a start", where="RestToRest", remedy="give both")
 
     def __str__(self) -> str:
         return f"from rest to rest, ramps of {self.ramp:g} s, {self.inner}"
+
+    @property
+    def travel(self) -> Array | None:
+        """(n,): from the start to the end; None where it ends where it starts."""
+        if self.start is None or self.end is None or self.end == self.start:
+            return None
+        return np.subtract(self.end, self.start)
+
+    @property
+    def _ends(self) -> int:
+        """Coefficients before the inner ones."""
+        return self.joints * (1 if self.travel is None else 2)
+
+    @property
+    def adjustable(self) -> NDArray[np.bool_]:
+        """All but a stated posture, and the way from it to another."""
+        return np.arange(self.size) >= (0 if self.start is None else self._ends)
+
+    def rest(self, posture: npt.ArrayLike) -> Array:
+        """The static posture, or the stated one, with the way from it to the end."""
+        if self.start is None:
+            return super().rest(posture)
+        ends = [*self.start, *([] if self.travel is None else self.travel)]
+        return np.array([*ends, *np.zeros(self.size - len(ends))])
 
     @property
     def duration(self) -> float:
@@ -74,7 +113,7 @@ class RestToRest(TrajectorySeries):
     @property
     def unity(self) -> Array:
         """The first function is one."""
-        return np.asarray(np.eye(1, 1 + len(self.inner.unity))[0], dtype=float)
+        return np.asarray(np.eye(1, self.mixing.shape[1])[0], dtype=float)
 
     @property
     def smoothness(self) -> float:
@@ -88,11 +127,12 @@ class RestToRest(TrajectorySeries):
 
     @cached_property
     def mixing(self) -> Array:
-        """The posture multiplies the constant, the inner coefficients the ramped functions."""
-        inner = self.inner.mixing
-        mixing = np.zeros((self.joints, 1 + inner.shape[1], self.joints + inner.shape[2]))
-        mixing[:, 0, : self.joints] = np.eye(self.joints)
-        mixing[:, 1:, self.joints :] = inner
+        """The posture multiplies the constant, the way to the end the step, inner coefficients ramped functions."""
+        inner, ends = self.inner.mixing, self._ends // self.joints
+        mixing = np.zeros((self.joints, ends + inner.shape[1], self._ends + inner.shape[2]))
+        for function in range(ends):
+            mixing[:, function, function * self.joints : (function + 1) * self.joints] = np.eye(self.joints)
+        mixing[:, ends:, self._ends :] = inner
         return mixing
 
     def ramped(self, time: Array, order: int) -> Array:
@@ -104,13 +144,16 @@ class RestToRest(TrajectorySeries):
         return np.where((share == 1.0) & (order > 0), 0.0, values)
 
     def functions(self, time: Array, order: int) -> Array:
-        """(N, 1 + W): one, and the ramp times the inner functions by the product rule."""
-        constant = np.full((len(time), 1), float(order == 0))
+        """(N, 1 + W): one, and the ramp times the inner functions by the product rule; after one the step, if any."""
+        ends = [np.full((len(time), 1), float(order == 0))]
+        if self.travel is not None:
+            share = np.clip(time / self.duration, 0.0, 1.0)
+            ends.append(SMOOTH_STEP.derivative(order)(share)[:, None] / self.duration**order)
         terms = [
             comb(order, i) * self.ramped(time, i)[:, None] * self.inner.functions(time, order - i)
             for i in range(order + 1)
         ]
-        return np.hstack([constant, np.sum(terms, axis=0)])
+        return np.hstack([*ends, np.sum(terms, axis=0)])
 
     def enclosure(self, coefficients: Array, order: int) -> tuple[Array, Array]:
         """Bounds from a grid with the breaks in it; the product rule bounds the derivative two orders higher.
@@ -123,8 +166,11 @@ class RestToRest(TrajectorySeries):
         curvature = np.zeros((len(middle), self.joints))
         for i in range(high + 1):
             ramp = np.where(ramping | (i == 0), np.abs(SMOOTH_STEP.derivative(i).c).max() / self.ramp**i, 0.0)
-            inner = np.abs(self.inner.enclosure(coefficients[self.joints :], high - i)).max(axis=0)
+            inner = np.abs(self.inner.enclosure(coefficients[self._ends :], high - i)).max(axis=0)
             curvature += comb(high, i) * np.multiply.outer(ramp, inner)
+        if self.travel is not None:
+            step = np.abs(SMOOTH_STEP.derivative(high).c).max() / self.duration**high
+            curvature += step * np.abs(coefficients[self.joints : self._ends])
         return grid_bound(lambda time: self.evaluate(coefficients, time, order), curvature, self.breaks)
 
 

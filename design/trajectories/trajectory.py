@@ -52,6 +52,11 @@ class TrajectorySeries(ABC):
         return np.inf
 
     @property
+    def adjustable(self) -> npt.NDArray[np.bool_]:
+        """(k,): the coefficients that a design chooses; the others are as `rest` has them."""
+        return np.ones(self.size, dtype=bool)
+
+    @property
     def breaks(self) -> Array:
         """Increasing instants from 0 to the duration, s, between which the functions are smooth."""
         return np.array([0.0, self.duration])
@@ -205,7 +210,11 @@ def _nearest(series: TrajectorySeries, values: Callable[[Array, int], Array]) ->
         scale = (series.duration / (2 * np.pi)) ** order
         basis.append(scale * series.basis(time, order).reshape(-1, series.size))
         target.append(scale * values(time, order).ravel())
-    solution = np.linalg.lstsq(np.vstack(basis), np.concatenate(target), rcond=None)[0]
+    chosen, matrix, solution = series.adjustable, np.vstack(basis), np.zeros(series.size)
+    if not chosen.all():
+        solution = np.where(chosen, 0.0, series.rest(np.zeros(series.joints)))
+    left = np.concatenate(target) - matrix @ solution
+    solution[chosen] = np.linalg.lstsq(matrix[:, chosen], left, rcond=None)[0]
     return Trajectory(series, solution)
 
 
@@ -231,22 +240,26 @@ PIECE_INSET = 1e-12
 """Inset of a piece's first and last point, as a share of the duration, so that they are on its side of a jump."""
 
 
-def grid_bound(values: Callable[[Array], Array], second: Array, breaks: Array) -> tuple[Array, Array]:
+def grid_bound(
+    values: Callable[[Array], Array], second: Array, breaks: Array, margin: Array | None = None
+) -> tuple[Array, Array]:
     """Bounds low (n,) and high (n,) of functions `values` (time (N,) to (N, n)) between the first and the last break.
 
     Between two points h apart a function differs from its chord by at most h²/8 times the largest absolute value of
     its second derivative there (the error of linear interpolation), and the chord stays between its ends. `second`
     (P, n) bounds that derivative in each of the P pieces between the breaks (P + 1,), where the functions and their
-    derivatives may jump; the grid is as fine in each piece as makes the margin `TIGHTNESS` of the half range.
+    derivatives may jump; the grid is as fine in each piece as makes this at most `margin` (n,), `TIGHTNESS` of the
+    half range unless given.
     """
-    coarse = values(_grid(breaks, np.full(len(second), COARSE_POINTS)))
-    half = (coarse.max(axis=0) - coarse.min(axis=0)) / 2
-    squared = np.divide(8 * TIGHTNESS * half, second, out=np.full(second.shape, np.inf), where=second > 0)
+    if margin is None:
+        coarse = values(_grid(breaks, np.full(len(second), COARSE_POINTS)))
+        margin = TIGHTNESS * (coarse.max(axis=0) - coarse.min(axis=0)) / 2
+    squared = np.divide(8 * margin, second, out=np.full(second.shape, np.inf), where=second > 0)
     steps = np.maximum(np.sqrt(squared.min(axis=1)), (breaks[-1] - breaks[0]) / MOST_POINTS)
     counts = np.maximum(np.ceil(np.diff(breaks) / steps), 1).astype(int)
-    margin = np.repeat((np.diff(breaks) / counts)[:, None] ** 2 / 8 * second, counts + 1, axis=0)
+    excess = np.repeat((np.diff(breaks) / counts)[:, None] ** 2 / 8 * second, counts + 1, axis=0)
     inside, at_breaks = values(_grid(breaks, counts)), values(breaks)
-    low, high = np.vstack([inside - margin, at_breaks]), np.vstack([inside + margin, at_breaks])
+    low, high = np.vstack([inside - excess, at_breaks]), np.vstack([inside + excess, at_breaks])
     return low.min(axis=0), high.max(axis=0)
 
 

@@ -147,6 +147,36 @@ class Joint:
                 raise ValueError(f"expected {name} low below high, got {list(pair)}")
 
 
+Inertia = tuple[float, float, float, float, float, float]
+"""Ixx, Ixy, Ixz, Iyy, Iyz, Izz, kg m²."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Body:
+    """A rigid body that moves with a link of an arm.
+
+    joint    joints that move it, from the base
+    mass     kg
+    centre   its centre of mass in the frame that the last of them moves, m
+    inertia  about the centre, along that frame's axes
+    """
+
+    joint: int
+    mass: float
+    centre: Vector3
+    inertia: Inertia
+
+    def moved(self, frame: Placement, joint: int) -> Body:
+        """The same in the frame in which its own has this placement, moved by so many joints."""
+        xx, xy, xz, yy, yz, zz = self.inertia
+        rows = [rotated_vector(frame.quaternion, row) for row in ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))]
+        (xx, xy, xz), (_, yy, yz), (_, _, zz) = (
+            rotated_vector(frame.quaternion, column) for column in zip(*rows, strict=True)
+        )
+        x, y, z = translated(frame.position, rotated_vector(frame.quaternion, self.centre))
+        return Body(joint=joint, mass=self.mass, centre=(x, y, z), inertia=(xx, xy, xz, yy, yz, zz))
+
+
 def translated(p: Sequence[Any], by: Sequence[Any]) -> tuple[Any, ...]:
     """The point p + by, numbers or CasADi expressions."""
     return tuple(a + b for a, b in zip(p, by, strict=True))

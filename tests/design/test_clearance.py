@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,12 +12,13 @@ import pinocchio
 import pytest
 from numpy.typing import NDArray
 
-from design.clearance import Clearances, clearances, nearest_on_segments
+from design.clearance import ArmPlaces, Clearances, clearances, nearest_on_segments
 from design.limits import LimitUse
 from design.random_feasible import random_feasible_trajectory
 from design.trajectories.fourier import FreeSeries
 from design.trajectory_design import design
 from modeling.errors import InputError
+from modeling.kinematics.arm import SpatialArm
 from modeling.rig import Rig
 from tests.shared.places import URDF
 
@@ -169,6 +172,95 @@ BALL = {"link": "fore", "start": [0, 0, 0], "radius": 0.1}
 def test_a_wrong_capsule_is_one_line(others: dict[str, Any], said: str) -> None:
     with pytest.raises(InputError, match=said):
         rig(**others)
+
+
+SOLIDS = {
+    "upper": '<box size="0.5 0.12 0.1"/>',
+    "fore": '<cylinder radius="0.06" length="0.4"/>',
+    "wrist": '<box size="0.1 0.11 0.3"/>',
+    "hand": '<sphere radius="0.08"/>',
+    "finger": '<box size="0.02 0.02 0.05"/>',
+}
+
+
+def with_solids(folder: Path, solids: dict[str, str]) -> Path:
+    text = re.sub(
+        r'<link name="upper">.*?</link>', '<link name="upper"/>', (URDF / "elbow.urdf").read_text(), flags=re.S
+    )
+    for link, solid in solids.items():
+        own = f'<collision><origin xyz="0.1 0.02 -0.03" rpy="0.3 -0.2 0.5"/><geometry>{solid}</geometry></collision>'
+        text = text.replace(f'<link name="{link}"/>', f'<link name="{link}">{own}</link>')
+    path = folder / "elbow.urdf"
+    path.write_text(text)
+    return path
+
+
+def test_capsules_of_the_urdf_hold_its_collision_geometry(tmp_path: Path) -> None:
+    """Points of every solid, placed by Pinocchio, are in its capsule, and the farthest reach its surface."""
+    path = with_solids(tmp_path, SOLIDS)
+    robot, workspace = {"urdf": str(path), "sensor_frame": "tool0"}, {"capsules": "urdf"}
+    of = Rig.from_data({"robot": robot, "limits": LIMITS, "workspace": workspace})
+    assert of.workspace is not None
+    assert isinstance(of.arm, SpatialArm)
+    capsules = {capsule.name: capsule for capsule in of.workspace.capsules}
+    assert set(capsules) == set(SOLIDS)
+    model = pinocchio.buildModelFromUrdf(str(path))
+    solids = pinocchio.buildGeomFromUrdf(model, str(path), pinocchio.GeometryType.COLLISION)
+    data, placed, rng = model.createData(), solids.createData(), np.random.default_rng(0)
+    q = some_positions(1)
+    pinocchio.updateGeometryPlacements(model, data, solids, placed, np.append(q[0], [0.0, 0.0]))
+    places = ArmPlaces.of(of.arm, q)
+    for number, solid in enumerate(solids.geometryObjects):
+        shape, capsule = solid.geometry, capsules[solid.name.rpartition("_")[0]]
+        corners = rng.choice([-1.0, 1.0], (400, 3)) * rng.uniform(0, 1, (400, 3)) ** rng.choice([0, 1], (400, 3))
+        if hasattr(shape, "halfSide"):
+            own = corners * shape.halfSide
+        elif hasattr(shape, "halfLength"):
+            round_ = corners[:, :2] / np.maximum(np.linalg.norm(corners[:, :2], axis=1), 1.0)[:, None]
+            own = np.c_[shape.radius * round_, shape.halfLength * corners[:, 2]]
+        else:
+            own = shape.radius * corners / np.linalg.norm(corners, axis=1)[:, None]
+        points = own @ placed.oMg[number].rotation.T + placed.oMg[number].translation
+        joint, ends = np.array([capsule.joint] * 2), np.array([capsule.start, capsule.end])
+        start, end = places.points(joint, ends)[0]
+        still = np.zeros((400, 3))
+        _, share = nearest_on_segments(points, still, start + still, end - start + still)
+        distance = np.linalg.norm(points - start - share[:, None] * (end - start), axis=1)
+        assert capsule.radius * (1 - 1e-9) <= distance.max() <= capsule.radius * (1 + 1e-9)
+    again = Rig.from_data(of.to_data())
+    assert again.workspace == of.workspace
+
+
+@pytest.mark.parametrize(
+    ("solids", "others", "said"),
+    [
+        (
+            {"fore": '<mesh filename="package://nowhere/fore.stl"/>'},
+            {},
+            "link 'fore': its collision geometry is a mesh",
+        ),
+        ({"fore": '<box size="0.1 0 0.1"/>'}, {}, "no size"),
+        ({"fore": '<sphere radius="big"/>'}, {}, "sphere radius is 'big'"),
+        ({}, {}, "no link of the URDF has collision geometry"),
+        ({"fore": SOLIDS["fore"]}, {"robot": {"link_lengths": [1.0]}}, "is of arms that are read from one"),
+    ],
+)
+def test_geometry_without_a_capsule_is_one_line(
+    tmp_path: Path, solids: dict[str, str], others: dict[str, Any], said: str
+) -> None:
+    robot = {"urdf": str(with_solids(tmp_path, solids)), "sensor_frame": "tool0"}
+    with pytest.raises(InputError, match=said) as caught:
+        Rig.from_data({"robot": robot, "workspace": {"capsules": "urdf"}} | others)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_stated_capsule_takes_the_place_of_its_links_geometry(tmp_path: Path) -> None:
+    path = with_solids(tmp_path, SOLIDS | {"fore": '<mesh filename="fore.stl"/>'})
+    robot, by_hand = {"urdf": str(path), "sensor_frame": "tool0"}, CAPSULES[0]
+    of = Rig.from_data({"robot": robot, "workspace": {"capsules": "urdf"}, "capsule": [by_hand]})
+    assert of.workspace is not None
+    assert [c.radius for c in of.workspace.capsules if c.name == "fore"] == [0.08]
+    assert len(of.workspace.capsules) == len(SOLIDS)
 
 
 @pytest.mark.long(8)

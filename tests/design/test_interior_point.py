@@ -204,7 +204,7 @@ def test_places_are_expanded_about_a_trajectory() -> None:
     asked = task(workspace=Workspace(x=(-1.2, 1.5), y=(0.4, 2.6)), tip_length=0.2)
     motion, rows = asked.random((2,)), asked.ranking_limits
     limits, z, many = rows.rows, motion.coefficients, len(rows.polytope)
-    angle = np.cumsum(motion.derivative(rows.still, 0), axis=1)
+    angle = np.cumsum(motion.derivative(rows.bent[0][1], 0), axis=1)
     lengths = np.array([*ARM.link_lengths[:2], ARM.link_lengths[2] + 0.2])
     tip = np.stack([np.sin(angle) @ lengths, np.cos(angle) @ lengths], axis=1)
     margin = 0.01 * np.array([1.35, 1.1])
@@ -212,8 +212,8 @@ def test_places_are_expanded_about_a_trajectory() -> None:
     np.testing.assert_allclose(limits.slack(z)[:, many:], [1 - use.ravel(), 1 + use.ravel()], atol=1e-12)
     step, h = np.random.default_rng(0).standard_normal(len(z)), 1e-6
     slope = (limits.slack(z - h * step)[0] - limits.slack(z + h * step)[0]) / (2 * h)
-    np.testing.assert_allclose(limits.about(z).change(step), slope, atol=1e-7)
-    np.testing.assert_allclose(limits.about(z).slack(z), limits.slack(z), atol=1e-12)
+    np.testing.assert_allclose(limits.about(z, limits.slack(z)).change(step), slope, atol=1e-7)
+    np.testing.assert_allclose(limits.about(z, limits.slack(z)).slack(z), limits.slack(z), atol=1e-12)
 
 
 def test_any_executor_finds_the_same_in_the_same_order() -> None:

@@ -22,8 +22,8 @@ QUICK = Effort(tolerance=0.05, starts=2000, proof_seconds=0)
 
 
 def limits(position: object, velocity: object, acceleration: object) -> Limits:
-    pairs = (np.array(p, dtype=float) for p in (position, velocity, acceleration))
-    return Limits(**dict(zip(("position", "velocity", "acceleration"), pairs, strict=True)))
+    first, second, third = (np.array(pairs, dtype=float) for pairs in (position, velocity, acceleration))
+    return Limits(position=first, velocity=second, acceleration=third)
 
 
 SYMMETRIC = limits([[-1.2, 1.2], [-1.4, 1.4]], [[-2, 2], [-3, 3]], [[-8, 8], [-12, 12]])
