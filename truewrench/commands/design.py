@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import argparse
 import signal
+from concurrent.futures import Executor
 from pathlib import Path
 
 import pandas as pd
 
-from design.discrimination import DiscriminationDesign, discriminate, rival_models
+from design.discrimination import DesignSetting, DiscriminationDesign, discriminate, rival_models
 from design.exciting_trajectory import DesignInterrupted, ExcitingTrajectory
-from design.trajectory_design import STARTS_WHEN_SLOW, design
+from design.trajectories.trajectory import Trajectory
+from design.trajectory_design import STARTS_WHEN_SLOW, DesignProgress, design
+from modeling.chain.model import WrenchModel
 from modeling.effects import named
 from modeling.errors import InputError
 from truewrench.commands.design_request import DesignRequest, plot_path
@@ -123,8 +126,11 @@ def discriminating_plan(request: DesignRequest) -> DiscriminationDesign:
         remedy = f"add --model MODEL.json, of `truewrench fit REC --add {one.id} --out MODEL.json`"
         raise InputError(what="the size of the effects is unknown", where="--tell", remedy=remedy)
     truth, rival = rival_models(request.model, one, other)
+    setting = DesignSetting.of(request.rig, series=request.series, samples=asked.samples, noise=request.noise)
+    setting.require([truth.with_arm(setting.arm), rival.with_arm(setting.arm)])
     with request.pool() as executor, progress_line() as progress:
-        return discriminate(
+        exciting, reason = d_optimal_motion(request, truth, executor, lambda step: progress(f"D-optimal, {step}"))
+        plan = discriminate(
             request.rig,
             truth,
             values,
@@ -132,12 +138,42 @@ def discriminating_plan(request: DesignRequest) -> DiscriminationDesign:
             series=request.series,
             samples=asked.samples,
             noise=request.noise,
+            exciting=exciting,
             runs=asked.runs,
             starts=asked.starts or STARTS_WHEN_SLOW,
             seed=asked.seed,
             executor=executor,
             progress=lambda step: progress(str(step)),
         )
+    if reason:
+        say(f"no D-optimal motion to compare with: {reason}")
+    return plan
+
+
+def d_optimal_motion(
+    request: DesignRequest, model: WrenchModel, executor: Executor, progress: DesignProgress
+) -> tuple[Trajectory | None, str]:
+    """The D-optimal motion of that model, with which a discriminating one is compared; or None, and why."""
+    asked = request.options
+    try:
+        plan = design(
+            request.rig,
+            model=model,
+            values=request.values,
+            series=request.series,
+            samples=asked.samples,
+            noise=request.noise,
+            starts=asked.starts or STARTS_WHEN_SLOW,
+            seed=asked.seed,
+            bounded=False,
+            executor=executor,
+            progress=progress,
+        )
+    except DesignInterrupted:
+        raise DesignInterrupted from None  # that motion was designed for something else
+    except InputError as error:
+        return None, error.what
+    return plan.motion, ""
 
 
 def write(request: DesignRequest, plan: ExcitingTrajectory | DiscriminationDesign, path: Path) -> None:
