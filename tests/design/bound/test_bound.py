@@ -282,5 +282,5 @@ def test_what_the_bound_is_not_for() -> None:
         upper_bound(planar(), ARM, SINGLE, samples=200)
     with pytest.raises(InputError, match="zero inside"):
         upper_bound(planar(), ONE, limits([[-1, 1]], [[0.5, 1]], [[-1, 1]]), samples=200)
-    with pytest.raises(InputError, match="at most 4 joints"):
-        upper_bound(planar(), PlanarArm((1.0,) * 5), limits([[-1, 1]] * 5, [[-1, 1]] * 5, [[-1, 1]] * 5), samples=200)
+    with pytest.raises(InputError, match="at most 7 joints"):
+        upper_bound(planar(), PlanarArm((1.0,) * 8), limits([[-1, 1]] * 8, [[-1, 1]] * 8, [[-1, 1]] * 8), samples=200)
