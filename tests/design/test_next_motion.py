@@ -123,12 +123,12 @@ def told_apart() -> DiscriminationDesign:
 @pytest.mark.long(16)
 @pytest.mark.parametrize("name", ["D-optimal", "designed"])
 def test_probability_of_confusion_is_that_of_recordings_of_the_motion(name: str) -> None:
-    """A drag in MuJoCo, Pinocchio's arm; both models fitted to 200 noisy recordings, wrong is the lower chi-square.
+    """A drag in MuJoCo, Pinocchio's arm; both models fitted to 150 noisy recordings, wrong is the lower chi-square.
 
     Wrong choices within binomial tails of 1e-4 together, so that one other seed in 1e4 fails. The mean by which the
-    rival's chi-square is higher is lambda, with the std 2 sqrt(lambda / 200): four of them, one in 16 000.
+    rival's chi-square is higher is lambda, with the std 2 sqrt(lambda / 150): four of them, one in 16 000.
     """
-    plan, draws = told_apart(), 200
+    plan, draws = told_apart(), 150
     (pair,) = plan.pairs
     forward = pair.directions[0]
     motion = plan.exciting if name == "D-optimal" else plan.motion
