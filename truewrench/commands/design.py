@@ -239,14 +239,13 @@ def write(request: DesignRequest, plan: Plan, path: Path) -> None:
         pd.DataFrame(motion.to_columns(request.options.samples)).to_csv(temporary, index=False, float_format="%.12g")
     from truewrench.plots.trajectory_plot import trajectory_figure
 
-    exciting = plan.plan if isinstance(plan, IntervalDesign) else plan
     figure = trajectory_figure(
         motion,
         rig.limits,
         arm=rig.arm,
         tip_length=rig.tip_length,
         workspace=rig.workspace,
-        information=exciting.sample_information if isinstance(exciting, ExcitingTrajectory) else None,
+        information=plan.sample_information if isinstance(plan, ExcitingTrajectory) else None,
     )
     with atomic_write(plot_path(path)) as temporary:
         figure.savefig(temporary, format="png", dpi=160, facecolor="white", bbox_inches="tight")
