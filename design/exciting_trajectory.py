@@ -42,6 +42,7 @@ class ExcitingTrajectory(Tabular):
     task          objective and limits of the optimisation
     experiment    sensitivities at the values of the parameters, weighted by the noise where there is one
     local_optima  of the series, best first
+    searched      the stages of the search before the refinement, each with the values of its starts, best first
     evaluations   of the criterion, over all starts
     bound         on ln det of any periodic trajectory; None where there is none, for the `no_bound_reason`
     """
@@ -52,6 +53,7 @@ class ExcitingTrajectory(Tabular):
     evaluations: int
     bound: DualityBound | None
     no_bound_reason: str = ""
+    searched: tuple[tuple[str, tuple[float, ...]], ...] = ()
 
     @property
     def motion(self) -> Trajectory:
@@ -118,6 +120,7 @@ class ExcitingTrajectory(Tabular):
             "criterion": str(self.criterion),
             "criterion_value": finite(self.local_optima[0].value),
             "outcome": self.local_optima[0].outcome.name.lower(),
+            "searched": {stage: [finite(value) for value in values] for stage, values in self.searched},
             "reached": [finite(optimum.value) for optimum in self.local_optima],
             "std": self._std(),
             "unbounded": self.no_bound_reason or None,
@@ -156,6 +159,16 @@ class ExcitingTrajectory(Tabular):
         ]
         return Table.of(("", ""), rows)
 
+    def _comparison(self) -> list[tuple[str, str]]:
+        """In place of a bound, how far below the best of the starts the others ended, of each stage."""
+        parts = []
+        for stage, values in self.searched:
+            ended = np.array([value for value in values if isfinite(value)])
+            if len(ended) > 1:
+                second, median = ended[0] - ended[1], ended[0] - np.median(ended)
+                parts.append(f"best of {len(ended)} ({stage}): second best {second:.2f} below it, median {median:.2f}")
+        return [("starts", "; ".join(parts))] if parts else []
+
     def _criterion(self) -> list[tuple[str, str]]:
         weight = "unweighted SI" if self.experiment.noise is None else "weighted by the noise"
         if isinstance(self.criterion, DOptimal) and self.experiment.noise is None:
@@ -166,7 +179,7 @@ class ExcitingTrajectory(Tabular):
         bound, weak_duality = self.bound, self.weak_duality
         if bound is None or weak_duality is None or self.efficiency is None:
             reason = self.no_bound_reason or "not all parameters are identifiable along the trajectory"
-            return [("upper bound", f"none: {reason}")]
+            return [("upper bound", f"none: {reason}"), *self._comparison()]
         rows, condition = dict(bound.rows), " if the check holds" if bound.kind is BoundKind.CHECKED else ""
         error = weak_duality.quadrature
         return [

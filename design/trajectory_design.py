@@ -213,6 +213,7 @@ def design(
         tip_length=rig.tip_length,
     )
     reached: list[LocalOptimum] = []
+    searched: list[tuple[str, tuple[float, ...]]] = []
 
     def result(local_optima: tuple[LocalOptimum, ...], bound: DualityBound | None, reason: str) -> ExcitingTrajectory:
         return ExcitingTrajectory(
@@ -222,11 +223,12 @@ def design(
             evaluations=sum(optimum.evaluations for optimum in reached),
             bound=bound,
             no_bound_reason=reason,
+            searched=tuple(searched),
         )
 
     optima: tuple[LocalOptimum, ...] = ()
     try:
-        optima = _search(task, starts, seed, executor, progress, reached)
+        optima = _search(task, starts, seed, executor, progress, reached, searched)
         bound, reason = NOT_REQUESTED
         if bounded and isinstance(chosen, RestToRest) and chosen.travel is not None:
             reason = "the motion ends elsewhere than it starts, and the bound is on periodic ones"
@@ -255,8 +257,12 @@ def _search(
     executor: Executor | None,
     progress: DesignProgress | None,
     reached: list[LocalOptimum],
+    searched: list[tuple[str, tuple[float, ...]]],
 ) -> tuple[LocalOptimum, ...]:
-    """Local optima of the task's series, best first; all that is reached is added to `reached` at once."""
+    """Local optima of the task's series, best first; all that is reached is added to `reached` at once.
+
+    The stages before the refinement are added to `searched`, with the values that their starts reached.
+    """
     low = low_harmonic_series(task.objective.series)
     quick = task.second_order and task.objective.series.size <= LARGE_SERIES
     default = DEFAULT_STARTS if low is not None else FEW_HARMONIC_STARTS
@@ -272,7 +278,10 @@ def _search(
             if watch is not None:
                 watch(optimum)
 
-        return optimise(of, begin, work=work, executor=executor, progress=note)
+        local_optima = optimise(of, begin, work=work, executor=executor, progress=note)
+        if work is not refine_optimum:
+            searched.append((stage, tuple(optimum.value for optimum in local_optima)))
+        return local_optima
 
     low_task = None if low is None else replace(task, objective=replace(task.objective, series=low))
     if by_knots:

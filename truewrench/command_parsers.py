@@ -263,11 +263,16 @@ def design(commands: Subcommands[Any]) -> argparse.ArgumentParser:
     command.add_argument("--period", type=positive, default=5.0, metavar="T", help="s (default: 5)")
     command.add_argument("--samples", type=count, default=200, metavar="N", help="of one period (default: 200)")
     command.add_argument("--tell", nargs=2, metavar=("A", "B"), help="discriminate between these two effects")
+    text = (
+        "the motion that this diagnosis asks for: it separates effects that were not told apart, or narrows the widest"
+    )
+    text += " interval; with model.json beside it, or --model"
+    command.add_argument("--next", type=Path, metavar="RESULT.json", help=text)
     add_custom_effects(command)
     command.add_argument(
-        "--runs", type=count, default=1, metavar="R", help="repeats of the motion, for --tell (default: 1)"
+        "--runs", type=count, default=1, metavar="R", help="repeats of the motion, for --tell and --next (default: 1)"
     )
-    text = "weight the readings by the noise of MODEL.json or the rig file; always on with --tell"
+    text = "weight the readings by the noise of MODEL.json or the rig file; always on with --tell and --next"
     command.add_argument("--weighted", action="store_true", help=text)
     text = "Bayesian design: average over the parameter covariance of MODEL.json, where the information depends on it"
     command.add_argument("--averaged", action="store_true", help=text)

@@ -65,7 +65,7 @@ def add_report(command: argparse.ArgumentParser) -> None:
 
 READ = (
     "sources", "recordings", "recording", "models", "model", "on", "validate", "rig", "map", "effects", "bounds",
-    "prior", "budget", "calibration", "monitor",
+    "prior", "budget", "calibration", "monitor", "next",
 )  # fmt: skip
 """Arguments of all commands that name files which are read."""
 

@@ -31,7 +31,6 @@ from modeling.errors import InputError
 from modeling.kinematics.arm import Arm
 from modeling.noise import NoiseModel
 from modeling.rig import Limits
-from modeling.space import Space
 from modeling.table import Table, Tabular
 
 Array = NDArray[np.float64]
@@ -135,8 +134,14 @@ class DualityBound(Tabular):
         return f"{self.proven:.3f}, {self.proof}; {theory}"
 
 
-MOST_BOUNDED_JOINTS = 4
+MOST_BOUNDED_JOINTS = 7
 """2n dimensions are searched at 2^n vertices; beyond, random starts are too sparse to check a bound."""
+FEW_JOINTS = 4
+"""To which the default degrees and starts apply. Of more joints polynomials of low degrees are as many: 66 of six."""
+DEGREES_OF_MANY_JOINTS = PolynomialDegrees(each=4, pair=2, more=0)
+"""Half a minute for six joints and sixteen parameters."""
+STARTS_OF_MANY_JOINTS = 4000
+"""Each is tried at 2^n vertices: sixteen times as many of six joints as of two."""
 PROOF_SECONDS = 20.0
 """Ten times the duration of the proof for one joint; for more joints it does not close in such a time."""
 
@@ -185,7 +190,7 @@ def upper_bound(
     model : WrenchModel
         The model whose parameters are to be estimated.
     arm : Arm
-        A planar arm of at most 4 joints.
+        Planar or spatial, of at most 7 joints.
     limits : Limits
         Of joint position, velocity and acceleration; rad, rad/s, rad/s².
     samples : int
@@ -195,9 +200,9 @@ def upper_bound(
     noise : NoiseModel, optional
         Weights of the readings; by default unweighted SI.
     degrees : PolynomialDegrees, optional
-        Of the conditions: higher ones are tighter and take longer.
+        Of the conditions: higher ones are tighter and take longer. By default lower ones above 4 joints.
     effort : Effort, optional
-        Tolerances, starts and time of the search and the proof.
+        Tolerances, starts and time of the search and the proof. By default fewer starts above 4 joints.
     seed : int, optional
         Of the random starts, by default 0.
     executor : Executor, optional
@@ -213,8 +218,8 @@ def upper_bound(
     Raises
     ------
     InputError
-        For an arm that is not planar or has more than 4 joints, limits of another number of joints or without zero
-        inside, and models whose columns are not affine in ddq or do not follow from the state alone.
+        For an arm of more than 7 joints, limits of another number of joints or without zero inside, and models whose
+        columns are not affine in ddq or do not follow from the state alone.
 
     Notes
     -----
@@ -233,7 +238,9 @@ def upper_bound(
     >>> bound.logdet > 0
     True
     """
-    _require_planar(arm, limits)
+    _require_joints(arm, limits)
+    if arm.joints > FEW_JOINTS:
+        degrees, effort = degrees or DEGREES_OF_MANY_JOINTS, effort or Effort(starts=STARTS_OF_MANY_JOINTS)
     effort, rng = effort or Effort(), np.random.default_rng(seed)
     experiment = Experiment.of(model, arm, values, noise=noise)
     function, sign_symmetries = dual_function(experiment, ViableStates(limits), degrees or PolynomialDegrees(), seed)
@@ -294,9 +301,9 @@ def _proven(function: DualFunction, dual: DualVariables, effort: Effort) -> Bran
     return branch_and_bound(function, dual, target=function.size * (1 + effort.proof_margin), seconds=seconds)
 
 
-def _require_planar(arm: Arm, limits: Limits) -> None:
-    if arm.space is not Space.PLANE or arm.joints > MOST_BOUNDED_JOINTS:
-        what = f"the bound is for planar arms of at most {MOST_BOUNDED_JOINTS} joints"
+def _require_joints(arm: Arm, limits: Limits) -> None:
+    if arm.joints > MOST_BOUNDED_JOINTS:
+        what = f"the bound is for arms of at most {MOST_BOUNDED_JOINTS} joints"
         raise InputError(what=what, where="bound", remedy="design without it (`--no-bound`): no efficiency is given")
     if limits.joints != arm.joints:
         what = f"limits of {arm.joints} joints were expected, and of {limits.joints} came"

@@ -1,4 +1,4 @@
-"""Optimality criteria of an information matrix: D, D_s, A, E, Bayesian and maximin."""
+"""Optimality criteria of an information matrix: D, D_s, A, E, Bayesian, maximin, and beside what is known."""
 
 from __future__ import annotations
 
@@ -219,6 +219,41 @@ class MaximinCriterion(Criterion):
 
     def __str__(self) -> str:
         return f"maximin of {len(self.criteria)} x {self.criteria[0]}"
+
+
+@dataclass(frozen=True, eq=False)
+class Beside(Criterion):
+    """criterion(r M_kk + P): of r runs of a trajectory beside the information P (k, k) that is already gathered.
+
+    kept  indices in M of the k parameters; the others are fixed
+
+    Concave and monotone in M, as the criterion is. The degree is the criterion's, which holds where P is small: a
+    search over fewer samples gives P too much weight, its refinement over all does not.
+    """
+
+    criterion: Criterion
+    kept: tuple[int, ...]
+    gathered: Array
+    runs: int = 1
+
+    name = "beside what is known"
+
+    def blocks(self, information: Any) -> list[Any]:
+        """The sum."""
+        index = list(self.kept)
+        block = information[np.ix_(index, index)] if isinstance(information, np.ndarray) else information[index, index]
+        return [self.runs * block + self.gathered]
+
+    def expression(self, information: Any) -> Any:
+        """The criterion of the sum."""
+        return self.criterion.expression(self.blocks(information)[0])
+
+    def degree(self, size: int) -> float:
+        """The criterion's."""
+        return self.criterion.degree(len(self.kept))
+
+    def __str__(self) -> str:
+        return f"{self.criterion} {self.name}"
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from typing import Any, Self
@@ -183,16 +183,22 @@ class ExchangeAlgorithm:
     executor: Executor | None = None
 
     def run(
-        self, first: Sequence[RivalFit], *, starts: int, seed: int, progress: ExchangeProgress | None
+        self,
+        first: Sequence[RivalFit],
+        *,
+        starts: int,
+        further: Sequence[Trajectory],
+        seed: int,
+        progress: ExchangeProgress | None,
     ) -> list[ExchangeRound]:
-        """The rounds, from random starts and the first rival fit of each direction."""
+        """The rounds, from random and `further` starts and the first rival fit of each direction."""
         rounds: list[ExchangeRound] = []
         histories = [[rival_fit] for rival_fit in first]
         retained = 1
         for number in range(1, EXCHANGE_ROUNDS + 1):
             task = self._task(histories, retained)
             initial = [max(rounds, key=lambda r: r.smallest).motion] if rounds else []
-            initial = initial or [task.random((seed, 1, start)) for start in range(starts)]
+            initial = initial or [*further, *(task.random((seed, 1, start)) for start in range(starts))]
             exchange = self._best(number, optimise(task, initial, executor=self.executor), histories)
             best = max((r.smallest for r in rounds), default=0.0)
             rounds.append(exchange)
@@ -234,13 +240,8 @@ class ExchangeAlgorithm:
 # Result of model discrimination.
 
 
-DISCRIMINATION_COLUMNS = (
-    Column("true"),
-    Column("rival"),
-    *(Column(name, format=".4g") for name in ("lambda before", "lambda after")),
-    *(Column(name, format=".2g") for name in ("error before", "error after")),
-    *(Column(name, format="d") for name in ("runs for 5 %", "runs for 1 %")),
-)
+MOTIONS = ("before", "D-optimal", "after")
+"""Along which lambda and error probability are given; the second one where there is such a trajectory."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -248,6 +249,7 @@ class DiscriminationDesign(Tabular):
     """A discriminating trajectory with the separation of each pair of models.
 
     motion     within the limits at every instant; None when no trajectory discriminates any of them
+    exciting   the D-optimal trajectory that it is compared with, itself where that separates more; None if not given
     pairs      the given model with each of its rivals
     runs       of the trajectory, for which the lambdas hold
     reference  description of the trajectories of `before`
@@ -260,6 +262,7 @@ class DiscriminationDesign(Tabular):
     runs: int
     reference: str
     rounds: tuple[ExchangeRound, ...]
+    exciting: Trajectory | None = None
 
     @property
     def verdict(self) -> Separability:
@@ -288,25 +291,42 @@ class DiscriminationDesign(Tabular):
 
     @property
     def table(self) -> Table:
-        """Truth, rival, lambda and error probability before and after, runs for 5 % and 1 % errors."""
+        """Truth, rival, lambda and error probability along each trajectory, runs for 5 % and 1 % errors."""
+        motions = [name for name in MOTIONS if name != "D-optimal" or self.exciting is not None]
+        columns = (
+            Column("true"),
+            Column("rival"),
+            *(Column(f"lambda {name}", format=".4g") for name in motions),
+            *(Column(f"error {name}", format=".2g") for name in motions),
+            *(Column(name, format="d") for name in ("runs for 5 %", "runs for 1 %")),
+        )
         rows: list[tuple[Value, ...]] = []
         for pair in self.pairs:
-            errors = [pair.error_probability(x) for x in (pair.before, pair.after)]
+            figures = dict(zip(MOTIONS, (pair.before, pair.exciting, pair.after), strict=True))
+            errors = [pair.error_probability(figures[name]) for name in motions]
             runs = [pair.runs_for(x) for x in (LEVELS.confusable, LEVELS.separated)]
             for d in pair.directions:
-                figures = [None] * 4 if d.indistinguishable else [*errors, *runs]
-                rows.append(
-                    (d.truth, d.rival, d.before, "indistinguishable" if d.indistinguishable else d.after, *figures)
-                )
-        return Table.of(DISCRIMINATION_COLUMNS, rows)
+                after = "indistinguishable" if d.indistinguishable else d.after
+                along: dict[str, Value] = {"before": d.before, "D-optimal": d.exciting, "after": after}
+                others = [None] * (len(errors) + len(runs)) if d.indistinguishable else [*errors, *runs]
+                rows.append((d.truth, d.rival, *(along[name] for name in motions), *others))
+        return Table.of(columns, rows)
 
     def remarks(self) -> list[str]:
         """Verdict of each pair, the runs and the reference, and the use of the limits."""
         lines = [f"{pair.names[0]} or {pair.names[1]}: {_verdict(pair)}" for pair in self.pairs]
         lines.append(f"lambda in {self.runs} run{'s' * (self.runs > 1)} of the trajectory; before: {self.reference}")
+        if gains := _gains(self.pairs):
+            times = f"{min(gains):.3g} times the runs" if min(gains) > 1 else "the same runs: it is this one"
+            lines.append(f"the D-optimal trajectory of the same model, series and noise would need {times}")
         if self.limit_use is not None:
             lines.append(self.limit_use.sentence())
         return lines
+
+
+def _gains(pairs: Sequence[ModelPair]) -> list[float]:
+    """Factors of lambda against the D-optimal trajectory, of the pairs with one."""
+    return [pair.after / pair.exciting for pair in pairs if pair.exciting]
 
 
 def _verdict(pair: ModelPair) -> str:
@@ -327,6 +347,9 @@ MOST_RUNS = 1000
 """A pair that would need more than this multiple of the runs along random trajectories is not designed for while others
 need less: a designed trajectory saves a factor of about ten (3 to 20, once 70: `benchmarks.discrimination`), and nobody
 makes the remaining factor in runs."""
+DESIGNED_GAIN = 10.0
+"""That factor of about ten: a truth that even a designed trajectory does not show beside the rigid tool is not designed
+for where the other direction of its pair shows, as it does not count there (`ModelPair`)."""
 REFERENCE_COUNT = 9
 """Random trajectories whose median lambda represents a trajectory that was not designed."""
 EXACT_FIT = 1e-8
@@ -360,6 +383,7 @@ class RivalComparison:
     first_fit          the rival fit along all of them together
     before             lambda along one of them, their median
     typical            lambda along a random trajectory, with the samples of the optimisation
+    noticed            the same of the truth from itself without its distinguishing effects
     indistinguishable  whether the rival is indistinguishable along any trajectory
     """
 
@@ -367,6 +391,7 @@ class RivalComparison:
     first_fit: RivalFit
     before: float
     typical: float
+    noticed: float
     indistinguishable: bool
 
     @classmethod
@@ -379,7 +404,10 @@ class RivalComparison:
         power = direction.power(probes)
         noncentrality = direction.rival_fit(probes, reach, [first_fit.theta]).noncentrality
         exact = direction.nested_in_rival or noncentrality <= EXACT_FIT**2 * power
-        return cls(direction, first_fit, float(np.median(single)), noncentrality / len(probes), exact)
+        noticed = direction.without_own_effects.rival_fit(probes, reach).noncentrality
+        return cls(
+            direction, first_fit, float(np.median(single)), noncentrality / len(probes), noticed / len(probes), exact
+        )
 
 
 def discriminate(
@@ -392,6 +420,7 @@ def discriminate(
     samples: int,
     noise: StationaryNoise,
     reference: Trajectory | WhitenedPrediction | None = None,
+    exciting: Trajectory | None = None,
     runs: int = 1,
     starts: int = DISCRIMINATION_STARTS,
     seed: int = 0,
@@ -422,6 +451,8 @@ def discriminate(
     reference : Trajectory, optional
         The trajectory along which they were not discriminated, or a `WhitenedPrediction` of its signals; by default
         rivals are fitted along some random trajectories together, and lambda before is the median over these.
+    exciting : Trajectory, optional
+        A D-optimal trajectory of the series to compare with, from which the optimisation starts too.
     runs : int, optional
         Number of runs of the trajectory, by default 1.
     starts : int, optional
@@ -483,25 +514,32 @@ def discriminate(
             progress(done)
 
     if distinct:
-        targets = _feasible(distinct, runs * samples / setting.coarse)
+        targets = _feasible(pairs, runs * samples / setting.coarse)
         search = ExchangeAlgorithm(
             setting=setting, directions=tuple(c.direction for c in targets), probes=probes, executor=executor
         )
         try:
-            search.run([c.first_fit for c in targets], starts=starts, seed=seed, progress=note)
+            further = [] if exciting is None else [exciting]
+            search.run([c.first_fit for c in targets], starts=starts, further=further, seed=seed, progress=note)
         except KeyboardInterrupt:
             interrupted = True
             if not rounds:
                 raise DesignInterrupted from None
     best = max(rounds, key=lambda exchange: exchange.smallest, default=None)
-    after = {} if best is None else dict(zip(distinct, _separations_along(setting, best.motion, distinct), strict=True))
+    motion = None if best is None else best.motion
+    after = {} if motion is None else _separations_along(setting, motion, distinct)
+    compared = {} if exciting is None else _separations_along(setting, exciting, distinct)
+    judged = _judged(pairs, after, compared, runs)
+    if motion is not None and exciting is not None and min(_gains(judged)) < 1:
+        motion, judged = exciting, _judged(pairs, compared, compared, runs)
     plan = DiscriminationDesign(
         setting=setting,
-        motion=None if best is None else best.motion,
-        pairs=tuple(ModelPair(directions=_separations(pair, after, runs), runs=runs) for pair in pairs),
+        motion=motion,
+        pairs=judged,
         runs=runs,
         reference=before.description,
         rounds=tuple(rounds),
+        exciting=exciting,
     )
     if interrupted:
         raise DesignInterrupted(plan)
@@ -522,38 +560,49 @@ def _comparisons(
     return comparison, replace(other, indistinguishable=True) if forward.nested_in_rival else other
 
 
-def _feasible(distinct: Sequence[RivalComparison], readings: float) -> list[RivalComparison]:
-    """Those that a designed trajectory may discriminate, all if none; `readings` is the factor of lambda."""
-    feasible = [c for c in distinct if MOST_RUNS * readings * c.typical > LEVELS.confusable]
-    return feasible or list(distinct)
+def _feasible(pairs: Sequence[tuple[RivalComparison, RivalComparison]], readings: float) -> list[RivalComparison]:
+    """The distinct ones that a designed trajectory may discriminate, and whose truth it may show, all if none.
+
+    `readings` is the factor of lambda from one run with the samples of the optimisation to all runs.
+    """
+    distinct = [[c for c in pair if not c.indistinguishable] for pair in pairs]
+    shown = [[c for c in pair if DESIGNED_GAIN * readings * c.noticed > LEVELS.confusable] or pair for pair in distinct]
+    feasible = [c for pair in shown for c in pair if MOST_RUNS * readings * c.typical > LEVELS.confusable]
+    return feasible or [c for pair in distinct for c in pair]
 
 
 def _separations_along(
     setting: DesignSetting, motion: Trajectory, distinct: Sequence[RivalComparison]
-) -> list[tuple[float, float]]:
+) -> dict[RivalComparison, tuple[float, float]]:
     """lambda of each truth from its rival, and from itself without its effects, along all samples of one run."""
     views, reach = [setting.view(motion)], setting.reach
-    return [
-        (
+    return {
+        comparison: (
             comparison.direction.rival_fit(views, reach, [comparison.first_fit.theta]).noncentrality,
             comparison.direction.without_own_effects.rival_fit(views, reach).noncentrality,
         )
         for comparison in distinct
-    ]
+    }
 
 
-def _separations(
-    pair: tuple[RivalComparison, RivalComparison], after: dict[RivalComparison, tuple[float, float]], runs: int
-) -> tuple[Separation, Separation]:
-    one, other = (
-        Separation(
+def _judged(
+    pairs: Sequence[tuple[RivalComparison, RivalComparison]],
+    after: Mapping[RivalComparison, tuple[float, float]],
+    compared: Mapping[RivalComparison, tuple[float, float]],
+    runs: int,
+) -> tuple[ModelPair, ...]:
+    """The pairs with lambda and detection along the designed and the D-optimal trajectory, in all runs."""
+
+    def separation(comparison: RivalComparison) -> Separation:
+        noncentrality, detection = after.get(comparison, (0.0, 0.0))
+        return Separation(
             truth=comparison.direction.names[0],
             rival=comparison.direction.names[1],
             before=runs * comparison.before,
-            after=runs * after.get(comparison, (0.0, 0.0))[0],
-            detection=runs * after.get(comparison, (0.0, 0.0))[1],
+            after=runs * noncentrality,
+            detection=runs * detection,
             indistinguishable=comparison.indistinguishable,
+            exciting=runs * compared[comparison][0] if comparison in compared else None,
         )
-        for comparison in pair
-    )
-    return one, other
+
+    return tuple(ModelPair(directions=(separation(one), separation(other)), runs=runs) for one, other in pairs)

@@ -8,7 +8,7 @@ from enum import Enum
 from functools import cached_property
 from itertools import product
 from math import ceil, inf, isfinite
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,18 +69,18 @@ class WhitenedPrediction:
         reading = H(s) load + zero, d reading = H d load + dH load + d zero; the same as the columns of an `Experiment`
         at theta, from functions that are compiled once for all theta. Raises InputError for a signal that is missing.
         """
-        prediction, count = compiled_prediction(model), self.sampling.samples
-        value, slopes = prediction.load.tangent(self.all_signals, theta, count)
-        if prediction.has_transfer_function:
-            value, slopes = self._filtered(model, theta, value, slopes)
-        zero, zero_slopes = prediction.bias.tangent(self.all_signals, theta, count)
-        stacked = np.concatenate([(value + zero)[:, :, None], slopes + zero_slopes], axis=2)
-        rows = self.noise.whitened(stacked, self.sampling.step).reshape(-1, 1 + len(theta))
-        return rows[:, 0], rows[:, 1:]
+        return whitened_predictions([self], model, theta)
 
     def reading(self, model: WrenchModel, theta: Array) -> Array:
         """The whitened reading (R,) at theta (k,)."""
         return self.tangent(model, theta)[0]
+
+    def rows(self, model: WrenchModel, theta: Array, load: tuple[Array, Array], zero: tuple[Array, Array]) -> Array:
+        """The whitened reading and its sensitivities (R, 1 + k) of load and zero (N, p), each with its slopes."""
+        filtered = compiled_prediction(model).has_transfer_function
+        value, slopes = self._filtered(model, theta, *load) if filtered else load
+        stacked = np.concatenate([(value + zero[0])[:, :, None], slopes + zero[1]], axis=2)
+        return self.noise.whitened(stacked, self.sampling.step).reshape(-1, 1 + len(theta))
 
     def _filtered(self, model: WrenchModel, theta: Array, value: Array, slopes: Array) -> tuple[Array, Array]:
         """The load and its sensitivities through H(s), with the sensitivities to the parameters of H added."""
@@ -98,16 +98,30 @@ class WhitenedPrediction:
 
 FIT_TOLERANCE = 1e-12
 """Of lambda, relative: the minimum is found to rounding, so that an indistinguishable rival is recognised."""
+INTERIOR_EVALUATIONS = 40
+"""Gauss-Newton needs about ten. More come where parameters approach their bounds, by a factor a step from inside."""
 FIT_EVALUATIONS = 200
-"""Gauss-Newton needs about ten, and many only where a nuisance parameter drifts to a bound."""
+"""With those parameters at their bounds, a few tens; many only where a nuisance parameter drifts."""
 GRID_STARTS = 3
 """Points of a nuisance grid from which the exact search starts."""
 
 
 def whitened_predictions(views: Sequence[WhitenedPrediction], model: WrenchModel, theta: Array) -> tuple[Array, Array]:
-    """Whitened readings (R,) and sensitivities (R, k) along several trajectories, stacked."""
-    parts = [view.tangent(model, theta) for view in views]
-    return np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
+    """Whitened readings (R,) and sensitivities (R, k) along several trajectories, stacked, evaluated all at once."""
+    prediction = compiled_prediction(model)
+    counts = [view.sampling.samples for view in views]
+    ends = np.cumsum(counts)
+    places = [slice(end - count, end) for end, count in zip(ends, counts, strict=True)]
+    common = set.intersection(*(set(view.all_signals) for view in views))
+    signals = {name: np.concatenate([view.all_signals[name] for view in views]) for name in common}
+    load, zero = (part.tangent(signals, theta, int(ends[-1])) for part in (prediction.load, prediction.bias))
+    rows = np.concatenate(
+        [
+            view.rows(model, theta, (load[0][place], load[1][place]), (zero[0][place], zero[1][place]))
+            for view, place in zip(views, places, strict=True)
+        ]
+    )
+    return rows[:, 0], rows[:, 1:]
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,20 +135,34 @@ class RivalAlongTrajectories:
     def fitted(self, start: Array) -> RivalFit:
         """The fit within physical bounds by nonlinear least squares with the analytic sensitivities.
 
-        Trust regions are scaled by the columns' norms, so that an unidentifiable parameter does not move.
+        By an interior search, from which amplitudes leave zero; where that creeps along bounds, then by one with the
+        parameters at them. Trust regions are scaled by the columns' norms, so that an unidentifiable parameter does not
+        move.
         """
         low, high = parameter_bounds(self.model)
+        last: tuple[Array, Array] = np.empty(0), np.empty(0)  # the slopes are asked for where the residual was
 
         def residual(theta: Array) -> Array:
-            return whitened_predictions(self.views, self.model, theta)[0] - self.target
+            nonlocal last
+            reading, slopes = whitened_predictions(self.views, self.model, theta)
+            last = theta.copy(), slopes
+            return reading - self.target
 
         def slopes(theta: Array) -> Array:
-            return whitened_predictions(self.views, self.model, theta)[1]
+            if not np.array_equal(last[0], theta):
+                residual(theta)
+            return last[1]
 
-        fit: Any = least_squares(
-            residual, np.clip(start, low, high), slopes, (low, high), x_scale="jac",
-            ftol=FIT_TOLERANCE, xtol=FIT_TOLERANCE, gtol=None, max_nfev=FIT_EVALUATIONS,
-        )  # fmt: skip
+        def search(first: Array, method: Literal["trf", "dogbox"], evaluations: int) -> Any:
+            return least_squares(
+                residual, first, slopes, (low, high), x_scale="jac", method=method,
+                ftol=FIT_TOLERANCE, xtol=FIT_TOLERANCE, gtol=None, max_nfev=evaluations,
+            )  # fmt: skip
+
+        fit = search(np.clip(start, low, high), "trf", INTERIOR_EVALUATIONS)
+        if not fit.success:
+            at_bounds = np.where(fit.active_mask < 0, low, np.where(fit.active_mask > 0, high, fit.x))
+            fit = min(fit, search(at_bounds, "dogbox", FIT_EVALUATIONS), key=lambda each: float(each.cost))
         return RivalFit(np.asarray(fit.x, dtype=float), 2 * float(fit.cost), bool(fit.success))
 
 
@@ -392,6 +420,7 @@ class Separation:
     """Noncentrality lambda of a truth with respect to the fitted rival, in all runs of a trajectory together.
 
     before             along the reference trajectory
+    exciting           along the D-optimal one; None where none is given
     after              along the designed one
     detection          lambda of the truth from itself without its distinguishing effects, along the designed one
     indistinguishable  whether the rival is indistinguishable from the truth, along any trajectory
@@ -403,6 +432,7 @@ class Separation:
     after: float
     detection: float
     indistinguishable: bool
+    exciting: float | None = None
 
     def to_data(self) -> dict[str, Any]:
         """Plain data."""
@@ -410,6 +440,7 @@ class Separation:
             "truth": self.truth,
             "rival": self.rival,
             "before": self.before,
+            "exciting": self.exciting,
             "after": self.after,
             "noticed": self.detection,
             "imitated": self.indistinguishable,
@@ -444,6 +475,11 @@ class ModelPair:
         return min((d.before for d in self._counted), default=0.0)
 
     @property
+    def exciting(self) -> float | None:
+        """The lambda that counts, along the D-optimal trajectory; None where none is given."""
+        return min((d.exciting for d in self._counted if d.exciting is not None), default=None)
+
+    @property
     def after(self) -> float:
         """The lambda that counts, along the designed trajectory."""
         return min((d.after for d in self._counted), default=0.0)
@@ -455,9 +491,9 @@ class ModelPair:
             return Separability.NEVER
         return Separability.SEPARATED if self.after >= LEVELS.separated else Separability.REPEATS
 
-    def error_probability(self, noncentrality: float) -> float | None:
-        """Error probability of choosing between the two at a lambda; None when they are nested."""
-        return None if self.nested else error_probability(noncentrality)
+    def error_probability(self, noncentrality: float | None) -> float | None:
+        """Error probability of choosing between the two at a lambda; None without one, and when they are nested."""
+        return None if self.nested or noncentrality is None else error_probability(noncentrality)
 
     def runs_for(self, noncentrality: float) -> int | None:
         """Runs of the designed trajectory for a lambda of `noncentrality`; None when no number is enough.
@@ -475,8 +511,10 @@ class ModelPair:
             "verdict": self.verdict.name.lower(),
             "nested": self.nested,
             "separation_before": self.before,
+            "separation_exciting": self.exciting,
             "separation_after": self.after,
             "chance_before": self.error_probability(self.before),
+            "chance_exciting": self.error_probability(self.exciting),
             "chance_after": self.error_probability(self.after),
             "runs_for_5_percent": self.runs_for(LEVELS.confusable),
             "runs_for_1_percent": self.runs_for(LEVELS.separated),

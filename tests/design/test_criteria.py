@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from design.criteria import AOptimal, BayesianCriterion, Criterion, DOptimal, EOptimal, MaximinCriterion, Subset
+from design.criteria import AOptimal, BayesianCriterion, Beside, Criterion, DOptimal, EOptimal, MaximinCriterion, Subset
 from design.information import Experiment
 from modeling.chain.model import planar
 from modeling.errors import InputError
@@ -37,6 +37,7 @@ CASES: dict[str, Criterion] = {
     "mean of D": BayesianCriterion(DOptimal(), (0.3, 0.7)),
     "mean of A": BayesianCriterion(AOptimal(SCALE[:2]), (0.5, 0.25, 0.25)),
     "smallest of Ds and D": MaximinCriterion((Subset((3, 2)), DOptimal()), (4, 2)),
+    "D beside nothing": Beside(DOptimal(), (4, 0, 2, 5, 1, 3), np.zeros((SIZE, SIZE)), runs=3),
     "smallest of Ds": MaximinCriterion((Subset((3,)), Subset((0,))), (4, 2)),
 }
 EVERY = pytest.mark.parametrize("criterion", CASES.values(), ids=CASES.keys())
@@ -80,6 +81,9 @@ def definition(criterion: Criterion, matrix: Array) -> float:
         members = zip(criterion.criteria, parts, strict=True)
         values = np.array([definition(member, matrix[np.ix_(i, i)]) for member, i in members])
         return -float(np.log(np.exp(-criterion.power * (values - values.min())).sum()) / criterion.power - values.min())
+    if isinstance(criterion, Beside):
+        total = criterion.runs * matrix[np.ix_(criterion.kept, criterion.kept)] + criterion.gathered
+        return definition(criterion.criterion, total)
     covariance = np.linalg.inv(matrix)
     if isinstance(criterion, Subset):
         return -float(np.linalg.slogdet(covariance[np.ix_(criterion.indices, criterion.indices)])[1])
@@ -98,6 +102,21 @@ def test_value_is_that_of_the_definition(criterion: Criterion, seed: int) -> Non
     assert criterion.value(matrix) == pytest.approx(
         definition(criterion, matrix), rel=1e-10, abs=1e-10
     )  # condition 1e5
+
+
+def test_what_is_known_is_added_to_the_runs_and_what_is_fixed_is_left_out() -> None:
+    """A motion that alone identifies one of three estimated parameters, beside what tells the others."""
+    rng = np.random.default_rng(19)
+    known, kept = information(rng, 3), (5, 0, 2)
+    criterion = Beside(EOptimal(SCALE[:3]), kept, known, runs=2)
+    matrix = np.zeros((SIZE, SIZE))
+    matrix[5, 5] = 0.7
+    assert criterion.value(matrix) == pytest.approx(definition(criterion, matrix), rel=1e-10)
+    step = np.zeros((SIZE, SIZE))
+    step[0, 0] = 1e-5
+    slope = (criterion.value(matrix + step) - criterion.value(matrix - step)) / 2e-5
+    assert criterion.gradient(matrix)[0, 0] == pytest.approx(slope, rel=1e-5)
+    assert not criterion.gradient(matrix)[[1, 3, 4]].any()
 
 
 @EVERY

@@ -91,6 +91,7 @@ def test_every_kind_of_result_is_here() -> None:
     """Of those with a table, but for what a study of its own makes: designs, surveys, poses, custom inputs."""
     elsewhere = {
         "LimitUse", "ExcitingTrajectory", "DiscriminationDesign", "WeakDuality", "DualityBound",  # tests of designs
+        "IntervalDesign",
         "Survey", "ReadingReport", "CentreOfMass", "PoseAdvice", "ContactPoint", "ContactFilter",
         "ErrorsInVariables", "ConstrainedMinimum", "Equations", "Errata", "Calibration", "Discovery",
     }  # fmt: skip

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import signal
+from collections.abc import Sequence
+from concurrent.futures import Executor
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -11,24 +13,27 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from design.discrimination import DiscriminationDesign, discriminate, rival_models
+from design.discrimination import DesignSetting, DiscriminationDesign, discriminate, rival_models
 from design.exciting_trajectory import DesignInterrupted, ExcitingTrajectory
-from design.information import Experiment
+from design.information.experiment import Experiment, ParameterValues
 from design.limits import tip_path
 from design.trajectories.trajectory import Trajectory
-from design.trajectory_design import STARTS_WHEN_SLOW, design
-from modeling.chain.model import spatial
+from design.trajectory_design import STARTS_WHEN_SLOW, DesignProgress, design
+from diagnosis.next_experiment import IntervalDesign, narrowing_motion
+from modeling.chain.model import WrenchModel, spatial
 from modeling.effects import named
 from modeling.errors import InputError
 from modeling.kinematics.arm import SpatialArm
 from modeling.kinematics.placement import JointKind
 from modeling.rig import Convention, Rig
+from truewrench.commands.design_next import NextQuestion
 from truewrench.commands.design_request import DesignRequest, plot_path
 from truewrench.commands.results import print_result
 from truewrench.files.effects_file import read_effects
 from truewrench.files.output import atomic_write, progress_line, say
 from truewrench.files.played_motion import write_played
 
+Plan = ExcitingTrajectory | DiscriminationDesign | IntervalDesign
 KEYS = ("logdet", "samples", "period", "bound_logdet", "bound_kind", "efficiency", "worst_limit_use", "evaluations")
 """Keys that the JSON always has; null where --tell designs for discrimination."""
 BEST_SO_FAR = "this is the best trajectory so far, within its limits"
@@ -48,7 +53,8 @@ def run(arguments: argparse.Namespace) -> None:
     """
     request = DesignRequest.of(arguments)
     received: list[int] = []
-    reached: ExcitingTrajectory | DiscriminationDesign | None
+    reasons: list[str] = []
+    reached: Plan | None
 
     def ignore_signals() -> None:
         for number in before:
@@ -62,12 +68,15 @@ def run(arguments: argparse.Namespace) -> None:
     before = {number: signal.signal(number, interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         try:
-            reached = exciting_plan(request) if arguments.tell is None else discriminating_plan(request)
+            if arguments.next is not None:
+                reached = next_plan(request, reasons)
+            else:
+                reached = exciting_plan(request) if arguments.tell is None else discriminating_plan(request)
             ignore_signals()
         except KeyboardInterrupt as interruption:
             reached = interruption.best if isinstance(interruption, DesignInterrupted) else None
         if reached is not None:
-            show(request, reached)
+            show(request, reached, reasons)
         if received:
             say(f"interrupted: {NOTHING_YET if reached is None else BEST_SO_FAR}")
             raise SystemExit(128 + received[0])
@@ -76,8 +85,8 @@ def run(arguments: argparse.Namespace) -> None:
             signal.signal(number, handler)
 
 
-def show(request: DesignRequest, plan: ExcitingTrajectory | DiscriminationDesign) -> None:
-    """Write and print a result."""
+def show(request: DesignRequest, plan: Plan, reasons: Sequence[str]) -> None:
+    """Write and print a result, after the sentences that say why it is designed."""
     arguments = request.options
 
     def written() -> list[Path]:
@@ -91,10 +100,11 @@ def show(request: DesignRequest, plan: ExcitingTrajectory | DiscriminationDesign
         return result_files(arguments)
 
     excluded = f"\nexcluded, because no trajectory can be designed for them: {', '.join(request.left_out)}"
+    head = "".join(f"{sentence}\n" for sentence in reasons) + "\n" * bool(reasons)
     print_result(
         arguments,
-        lambda: f"{plan}{excluded if request.left_out else ''}",
-        lambda: dict.fromkeys(KEYS) | plan.to_data(),
+        lambda: f"{head}{plan}{excluded if request.left_out else ''}",
+        lambda: dict.fromkeys(KEYS) | plan.to_data() | ({"reasons": list(reasons)} if reasons else {}),
         written,
     )
 
@@ -126,28 +136,79 @@ def discriminating_plan(request: DesignRequest) -> DiscriminationDesign:
     custom = () if asked.effects is None else read_effects(asked.effects)
     effects = {effect.id: effect for effect in (*custom, *request.model.effects)}  # custom effects among them
     one, other = (effects.get(effect_id) or named(effect_id) for effect_id in asked.tell)
-    if asked.averaged or asked.criterion != "d":
-        what = "--criterion and --averaged do not apply to --tell, which has its own criterion"
-        raise InputError(what=what, where="--tell", remedy="leave them out")
+    _require_own_criterion(request, "--tell")
     if values is None:
         remedy = f"add --model MODEL.json, of `truewrench fit REC --add {one.id} --out MODEL.json`"
         raise InputError(what="the size of the effects is unknown", where="--tell", remedy=remedy)
     truth, rival = rival_models(request.model, one, other)
+    setting = DesignSetting.of(request.rig, series=request.series, samples=asked.samples, noise=request.noise)
+    setting.require([truth.with_arm(setting.arm), rival.with_arm(setting.arm)])
+    return separating_plan(request, truth, values, [rival])
+
+
+def _require_own_criterion(request: DesignRequest, option: str) -> None:
+    if request.options.averaged or request.options.criterion != "d":
+        what = f"--criterion and --averaged do not apply to {option}, which has its own criterion"
+        raise InputError(what=what, where=option, remedy="leave them out")
+
+
+def next_plan(request: DesignRequest, reasons: list[str]) -> Plan:
+    """The motion that a diagnosis asks for next; why is added to `reasons`, sentence by sentence."""
+    asked = request.options
+    if asked.tell is not None:
+        what = "--tell names two effects, and --next takes them from the diagnosis"
+        raise InputError(what=what, where="--next", remedy="leave one of them out")
+    _require_own_criterion(request, "--next")
+    question = NextQuestion.of(request, asked.next)
+    reasons += question.reasons
+    known = question.known
+    if question.rivals:
+        plan = separating_plan(request, known.designable, known.values, question.rivals)
+        if plan.motion is not None:
+            reasons.append(question.separation(plan))
+            return plan
+        reasons.append("no motion of this arm separates them: the simpler one is preferred")
     with request.pool() as executor, progress_line() as progress:
-        return discriminate(
+        narrowed = narrowing_motion(
+            known,
+            request.rig,
+            series=request.series,
+            samples=asked.samples,
+            runs=asked.runs,
+            starts=asked.starts,
+            seed=asked.seed,
+            executor=executor,
+            progress=lambda step: progress(str(step)),
+        )
+    reasons.append(question.narrowing(narrowed))
+    return narrowed
+
+
+def separating_plan(
+    request: DesignRequest, truth: WrenchModel, values: ParameterValues, rivals: Sequence[WrenchModel]
+) -> DiscriminationDesign:
+    """The motion that discriminates a model from its rivals, compared with the D-optimal one of the model."""
+    asked = request.options
+    with request.pool() as executor, progress_line() as progress:
+        exciting, reason = d_optimal_motion(request, truth, executor, lambda step: progress(f"D-optimal, {step}"))
+        plan = discriminate(
             request.rig,
             truth,
             values,
-            [rival],
+            rivals,
             series=request.series,
             samples=asked.samples,
             noise=request.noise,
+            exciting=exciting,
             runs=asked.runs,
             starts=asked.starts or STARTS_WHEN_SLOW,
             seed=asked.seed,
             executor=executor,
             progress=lambda step: progress(str(step)),
         )
+    if reason:
+        say(f"no D-optimal motion to compare with: {reason}")
+    return plan
 
 
 def simulated_repeat(rig: Rig, motion: Trajectory, samples: int) -> str | None:
@@ -174,7 +235,33 @@ def simulated_repeat(rig: Rig, motion: Trajectory, samples: int) -> str | None:
     )
 
 
-def write(request: DesignRequest, plan: ExcitingTrajectory | DiscriminationDesign, path: Path) -> None:
+def d_optimal_motion(
+    request: DesignRequest, model: WrenchModel, executor: Executor, progress: DesignProgress
+) -> tuple[Trajectory | None, str]:
+    """The D-optimal motion of that model, with which a discriminating one is compared; or None, and why."""
+    asked = request.options
+    try:
+        plan = design(
+            request.rig,
+            model=model,
+            values=request.values,
+            series=request.series,
+            samples=asked.samples,
+            noise=request.noise,
+            starts=asked.starts or STARTS_WHEN_SLOW,
+            seed=asked.seed,
+            bounded=False,
+            executor=executor,
+            progress=progress,
+        )
+    except DesignInterrupted:
+        raise DesignInterrupted from None  # that motion was designed for something else
+    except InputError as error:
+        return None, error.what
+    return plan.motion, ""
+
+
+def write(request: DesignRequest, plan: Plan, path: Path) -> None:
     """Write PLAN.csv and its plot."""
     rig, motion = request.rig, plan.motion
     if motion is None or rig.limits is None:

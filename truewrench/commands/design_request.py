@@ -57,7 +57,10 @@ class DesignRequest:
             if options.series != "rest":
                 what = f"a robot starts and ends at rest, and --series {options.series} in motion"
                 raise InputError(what=what, where="--play", remedy="add --series rest")
-        saved = None if options.model is None else ModelFile.read(options.model)
+        path = options.model
+        if path is None and options.next is not None:
+            path = model_beside(options.next)
+        saved = None if path is None else ModelFile.read(path)
         return cls(options, Rig.read(options.rig), saved)
 
     @property
@@ -168,6 +171,19 @@ class DesignRequest:
                 for worker in set(active_children()) - others:
                     worker.kill()
                 raise
+
+
+def model_beside(result: Path) -> Path:
+    """model.json in the folder of result.json; InputError where one of them is not there."""
+    path = result.parent / "model.json"
+    if not result.is_file():
+        raise InputError(
+            what="No such file", where=str(result), remedy="give result.json of `truewrench diagnose --out`"
+        )
+    if not path.exists():
+        what = "the fitted model is not beside it as model.json"
+        raise InputError(what=what, where=str(result), remedy="add --model MODEL.json, of the same diagnosis")
+    return path
 
 
 def plot_path(path: Path) -> Path:

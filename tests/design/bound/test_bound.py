@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import pickle
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 
-from design.bound import DualityBound, Effort, PolynomialDegrees, ViableStates, WeakDuality, upper_bound
+from design.bound import BoundKind, DualityBound, Effort, PolynomialDegrees, ViableStates, WeakDuality, upper_bound
 from design.bound.column_generation import DualCoordinates, RestrictedMaster
 from design.bound.dual_function import SignChange
 from design.bound.upper_bound import dual_function
@@ -18,12 +20,13 @@ from design.limits import LimitUse
 from design.random_feasible import random_feasible_trajectory
 from design.trajectories.fourier import FreeSeries
 from design.trajectories.trajectory import Trajectory
-from modeling.chain.model import planar
+from modeling.chain.model import planar, spatial
 from modeling.effects.geometry import GravityTilt
 from modeling.effects.sensor import SensorLag
 from modeling.errors import InputError
 from modeling.kinematics.arm import PlanarArm
 from modeling.noise import NoiseModel
+from modeling.rig import Convention
 from tests.shared.bound_cases import (
     ARM,
     CASES,
@@ -32,6 +35,7 @@ from tests.shared.bound_cases import (
     SINGLE,
     SKEW,
     SYMMETRIC,
+    Array,
     bound_of,
     limits,
     plain_function,
@@ -39,6 +43,7 @@ from tests.shared.bound_cases import (
     random_motion,
     viable_states,
 )
+from tests.shared.rigs import spatial_arm
 
 
 @pytest.fixture(scope="module")
@@ -253,6 +258,38 @@ def test_threads_and_processes_may_share_the_search(bounds: dict[str, DualityBou
     assert np.array_equal(function.values(points, same.dual), same.function.values(points, same.dual))
 
 
+@pytest.mark.long(12)
+def test_a_bound_of_six_axes_holds_for_motions_and_for_another_search() -> None:
+    """Loose and quick: degree 2 of each joint, one round. The largest F is searched anew by L-BFGS-B from 8 random
+    points of the cube at random vertices of ddq: all end below k but for a hundredth."""
+    arm = spatial_arm("elbow")
+    within = limits([[-2, 2]] * 6, [[-1.5, 1.5]] * 6, [[-5, 5]] * 6)
+    effort = Effort(tolerance=1.0, starts=1000, rounds=8)
+    model = replace(spatial(), convention=Convention.ON_TOOL)
+    bound = upper_bound(
+        model, arm, within, samples=200, degrees=PolynomialDegrees(each=2, pair=0, more=0), effort=effort
+    )
+    function, rng = bound.function, np.random.default_rng(4)
+    assert bound.kind is BoundKind.CHECKED
+    assert bound.primal_value <= bound.logdet
+    for seed in range(2):
+        series = FreeSeries(joints=6, harmonics=(1, 2, 3), period=8.0)
+        along = bound.weak_duality(random_feasible_trajectory(series, within, seed=seed))
+        assert along.excess <= 1e-9
+        assert along.dual <= function.size
+        assert along.logdet <= along.weak <= bound.logdet
+    largest = 0.0
+    for point in rng.uniform(-1, 1, (8, 12)):
+        ddq = function.viable.vertices[rng.integers(64)]
+
+        def negative(u: Array, ddq: Array = ddq) -> tuple[float, Array]:
+            value, slope = function.value_and_gradient(u[None], ddq[None], bound.dual)
+            return -float(value[0]), -slope[0]
+
+        largest = max(largest, -float(minimize(negative, point, jac=True, bounds=[(-1, 1)] * 12).fun))
+    assert 0.5 * function.size < largest < 1.01 * function.size
+
+
 # ------------------------------------------------------------------------------------------- what it says
 
 
@@ -282,5 +319,5 @@ def test_what_the_bound_is_not_for() -> None:
         upper_bound(planar(), ARM, SINGLE, samples=200)
     with pytest.raises(InputError, match="zero inside"):
         upper_bound(planar(), ONE, limits([[-1, 1]], [[0.5, 1]], [[-1, 1]]), samples=200)
-    with pytest.raises(InputError, match="at most 4 joints"):
-        upper_bound(planar(), PlanarArm((1.0,) * 5), limits([[-1, 1]] * 5, [[-1, 1]] * 5, [[-1, 1]] * 5), samples=200)
+    with pytest.raises(InputError, match="at most 7 joints"):
+        upper_bound(planar(), PlanarArm((1.0,) * 8), limits([[-1, 1]] * 8, [[-1, 1]] * 8, [[-1, 1]] * 8), samples=200)
