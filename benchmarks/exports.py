@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 import truewrench as tw
+from estimation.fit import Fit
 from estimation.least_squares.estimates import Estimate
 from modeling.chain.model import WrenchModel
 from modeling.codegen.payload_format import FORMATS
@@ -59,7 +60,7 @@ def bodies() -> dict[str, list[tuple[Array, Array]]]:
         return np.full(len(places), mass), places
 
     def thick(half: float) -> Array:
-        return np.concatenate([plate + [0, 0, half], plate - [0, 0, half]]) @ turn.T
+        return np.concatenate([plate + np.array([0, 0, z]) for z in (half, -half)]) @ turn.T
 
     return {
         "thin rods": [alike(rod), alike(rod @ turn.T), alike(rod @ turn.T + 0.05)],
@@ -93,7 +94,7 @@ def simulated(mass: float, first_moment: Array, inertia: Array) -> pd.DataFrame:
     entries = tuple(float(v) for v in inertia[np.triu_indices(3)])
     rig = replace(
         tw.simulated_rig.SpatialRig(), mass=mass, inertia=entries, bias=(0.0,) * 6, noise=(0.0,) * 6,
-        first_moment=tuple(float(v) for v in first_moment),
+        first_moment=(float(first_moment[0]), float(first_moment[1]), float(first_moment[2])),
     )  # fmt: skip
     return tw.simulate(rig, rig.random_motion(seed=1), repeats=2, samples_per_period=200)
 
@@ -104,7 +105,7 @@ def ball() -> pd.DataFrame:
     return simulated(1.0, np.zeros(3), np.eye(3))
 
 
-def fitted(masses: Array, places: Array, seed: int) -> tw.Fit:
+def fitted(masses: Array, places: Array, seed: int) -> Fit:
     """`fit --physical` of a simulated run of these masses with noise."""
     inertia = sum(m * (p @ p * np.eye(3) - np.outer(p, p)) for m, p in zip(masses, places, strict=True))
     frame = simulated(masses.sum() + 1.0, masses @ places, np.asarray(inertia) + np.eye(3)).copy()
@@ -166,7 +167,7 @@ def read(to: str, text: str) -> Iterator[tuple[str, Numbers | None]]:
         yield "controllers", None
 
 
-def outcome(model: ModelFile | tw.Fit, pose: tuple[float, ...] | None) -> Counter[str]:
+def outcome(model: ModelFile | Fit, pose: tuple[float, ...] | None) -> Counter[str]:
     """How many files each reader loaded, and how many were refused by us; AssertionError for other numbers."""
     saved = model if isinstance(model, ModelFile) else ModelFile.of(model)
     tool = ToolInertia.of(saved.model, saved.calibration.theta, saved.covariance)

@@ -79,8 +79,8 @@ ROUNDING = 1e-9
 """Size of a negative second moment about the centre of mass that is rounding, over the sum of those about the sensor
 origin, of which it is a difference: a tool that is flat, a line or a point has zeros."""
 THINNEST = 1e-12
-"""Least second moment about the centre of mass over their sum, of a tool for a simulator: a flat one is refused there or
-not as rounding, some 1e-15, decides about A + B >= C of its principal moments."""
+"""Least second moment about the centre of mass over their sum, of a tool for a simulator: of a flat one rounding, some
+1e-15, decides there about A + B >= C of its principal moments."""
 SMALLEST_MOMENT = 1e-13
 """kg m²: MuJoCo takes principal moments from 1e-14 (mjEPS), this is ten times as much, and a grain of sand's."""
 STATED_FRAME = "frame in which"
