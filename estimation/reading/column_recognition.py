@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimation.reading.column_map import ColumnMap, name_and_unit
+from estimation.reading.column_map import VECTORS, ColumnMap, name_and_unit
 from estimation.reading.column_pattern import PATTERNS, ColumnPattern, Quantity
 from estimation.reading.gravity_vector import RATES, has_steady_length
 from estimation.reading.log_reader import NO_WRENCH, ROS_TOPIC, TF_CHAIN, Array, LogTable
@@ -149,7 +149,8 @@ class ColumnGroup:
 class ColumnMapping:
     """What is read of all tables: wrench; motion as an orientation, with or without a position, or as joints.
 
-    With gravity or an accelerometer for an orientation, the angular velocity of a gyroscope, where there is one.
+    With gravity or an accelerometer for an orientation, the angular velocity of a gyroscope, where there is one; and
+    further signals that a map names of tables of which nothing else is read.
     """
 
     wrench: ColumnGroup
@@ -157,11 +158,12 @@ class ColumnMapping:
     position: ColumnGroup | None
     joints: tuple[ColumnGroup, ...]
     rate: ColumnGroup | None = None
+    signals: tuple[ColumnGroup, ...] = ()
 
     @property
     def groups(self) -> tuple[ColumnGroup, ...]:
         """All groups, the wrench first."""
-        groups = (self.wrench, self.orientation, self.position, *self.joints, self.rate)
+        groups = (self.wrench, self.orientation, self.position, *self.joints, self.rate, *self.signals)
         return tuple(group for group in groups if group is not None)
 
     @property
@@ -176,6 +178,13 @@ def column_mapping(tables: Sequence[LogTable], stated: ColumnMap, joint_names: S
 
     Raises InputError where something is missing, or two groups of columns could be it.
     """
+    mapping = _wrench_and_motion(tables, stated, joint_names)
+    return replace(mapping, signals=_Groups(tables, stated).signals(mapping))
+
+
+def _wrench_and_motion(
+    tables: Sequence[LogTable], stated: ColumnMap, joint_names: Sequence[str] | None
+) -> ColumnMapping:
     groups = _Groups(tables, stated)
     for reference in (*stated.columns.values(), *stated.orientation):
         if not any(reference in table.columns for table in tables):
@@ -442,6 +451,24 @@ class _Groups:
             g for g in same if re.search(r"pos|translation|p[^a-z]*$", g.columns[0].lower().removesuffix("x"))
         ]
         return next(iter(plain), None)
+
+    def signals(self, mapping: ColumnMapping) -> tuple[ColumnGroup, ...]:
+        """Columns that the map names of tables of which the mapping reads nothing, a group a table."""
+        used = {id(group.table) for group in mapping.groups}
+        members: dict[int, list[tuple[LogTable, str, str]]] = {}
+        for target, reference in self.stated.columns.items():
+            if re.fullmatch(r"time|phi|q\d+", target) or any(target in names for names in VECTORS.values()):
+                continue
+            table, column = self.place(reference)
+            if id(table) not in used:
+                members.setdefault(id(table), []).append((table, column, target))
+        return tuple(
+            ColumnGroup(
+                quantity=Quantity.SIGNAL, table=own[0][0],
+                columns=tuple(c for _, c, _ in own), targets=tuple(t for _, _, t in own),
+            )
+            for own in members.values()
+        )  # fmt: skip
 
     def joints(self, names: Sequence[str] | None) -> tuple[ColumnGroup, ...]:
         """Groups of joint angles with the targets q1 .. qn; several where several sources hold some each."""

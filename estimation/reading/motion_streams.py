@@ -69,6 +69,9 @@ class SiColumns:
             return self._checked_position(self._scaled(group, ["position"] * 3, "m"), group)
         if group is self.mapping.rate:
             return self._scaled(group, ["rate"] * 3, "rad/s, in the sensor's axes")
+        if group in self.mapping.signals:
+            self._note(group, group.targets, "as it stands, as the map names it")
+            return dict(zip(group.targets, group.values().T, strict=True))
         if group is not self.mapping.orientation:
             return self._joints(group)
         if group.form == PLANAR_FORM:

@@ -339,3 +339,26 @@ def test_a_wrench_along_the_bases_axes_is_not_given_the_bases_pose(tmp_path: Pat
     path = Bag(frame).wrench("/external_wrench", "base", readings(frame)).tree().written(tmp_path / "bag")
     with pytest.raises(InputError, match="its frame base does not move in tf: its axes are the base's"):
         import_recording([path])
+
+
+def test_signals_of_another_topic_are_named_by_a_map(tmp_path: Path) -> None:
+    """An inertial unit's, sampled at other stamps; without a map its topic is said to be unused."""
+    frame = original().iloc[:300]
+    bag = Bag(frame).wrench("/ft/raw", "ft_sensor", readings(frame)).tree()
+    types = bag.store.types
+    vector, nine = types["geometry_msgs/msg/Vector3"], np.zeros(9)
+    for t in np.arange(0.0003, 1.2, 1 / 400):
+        head, ns = bag.header(t, "imu")
+        bag.add(
+            "/imu", "sensor_msgs/msg/Imu", ns, header=head,
+            orientation=types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0), orientation_covariance=nine,
+            angular_velocity=vector(0.0, 0.0, 0.0), angular_velocity_covariance=nine,
+            linear_acceleration=vector(np.sin(3 * t), 0.0, 9.8), linear_acceleration_covariance=nine,
+        )  # fmt: skip
+    path = bag.written(tmp_path / "bag")
+    assert "not used: /imu" in said(import_recording([path]), StepKind.TAKEN)
+    found = import_recording([path], ReadingOptions(stated=ColumnMap.of({"imu_ax": "linear_acceleration.x"})))
+    require_motion(found, frame)
+    first = int(np.argmin(np.abs(frame["fx"].to_numpy() - found.columns["fx"][0])))
+    t = frame["time"].to_numpy()[first : first + found.report.samples]
+    np.testing.assert_allclose(found.columns["imu_ax"], np.sin(3 * t), rtol=0, atol=1e-5)  # linear: (3/400)²/8
