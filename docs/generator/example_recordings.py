@@ -64,7 +64,7 @@ def six_axis_run(*hidden: HiddenEffect, seed: int) -> pd.DataFrame:
 
 
 def write_ur_log(path: str, *hidden: HiddenEffect, seed: int) -> None:
-    """A run as the client of Universal Robots' RTDE records it: rotation vectors, and the wrench as its sensor has it."""
+    """A run as the client of Universal Robots' RTDE records it: rotation vectors, and its sensor's own wrench."""
     frame = six_axis_run(*hidden, seed=seed)
     columns = {"timestamp": 3201.448 + frame["time"]}
     pose = [*(frame[name] for name in POSITION), *rotations(frame).as_rotvec().T]

@@ -176,6 +176,9 @@ class RosBag(LogReader):
 
     def tables(self, source: SourceFile) -> list[LogTable]:
         """The topics with known message types."""
+        if source.head.startswith(MCAP_MAGIC) and (profile := _mcap_profile(source.head)) != "ros2":
+            what = f"an MCAP file with messages of {profile or 'no profile'}, and not of ROS 2"
+            raise source.error(what, "export it as a ROS 2 bag, or as CSV, from the program that wrote it")
         topics = _Topics(source.name)
         with source.on_disk() as path:
             for topic, kind, received, message in messages(path):
@@ -187,6 +190,13 @@ class RosBag(LogReader):
             what = f"{NO_WRENCH}; its topics are {', '.join(unread)}"
             raise source.error(what, "record the topics of wrench and pose, or joint states")
         return [replace(table, unread=unread) for table in tables]
+
+
+def _mcap_profile(head: bytes) -> str:
+    """What the header of an MCAP file, its first record, says of its messages; "ros2" where it is cut off."""
+    start = len(MCAP_MAGIC) + 9  # behind the record's kind and length
+    end = start + 4 + int.from_bytes(head[start : start + 4], "little")
+    return head[start + 4 : end].decode("utf-8", "replace") if len(head) > end else "ros2"
 
 
 def unread_topics(path: Path) -> tuple[str, ...]:

@@ -122,6 +122,19 @@ def test_a_truncated_bag_is_told_how_to_be_repaired(tmp_path: Path) -> None:
     assert ".;" not in str(raised.value)
 
 
+def test_an_mcap_file_of_other_messages_is_not_to_be_repaired(tmp_path: Path) -> None:
+    """Its header's profile says whose messages it holds: with Foxglove's own it is empty."""
+    (file,) = bag_of(original().iloc[:50], tmp_path, "nothing").glob("*.mcap")
+    content = file.read_bytes()
+    assert content[8:9] == b"\x01"
+    for profile in ("", "other"):
+        fields = len(profile).to_bytes(4, "little") + profile.encode() + (0).to_bytes(4, "little")
+        header = b"\x01" + len(fields).to_bytes(8, "little") + fields
+        file.write_bytes(content[:8] + header + content[17 + int.from_bytes(content[9:17], "little") :])
+        with pytest.raises(InputError, match=f"messages of {profile or 'no profile'}, and not of ROS 2; export it"):
+            import_recording([file])
+
+
 # Bags with several wrenches and a tree of transforms.
 
 

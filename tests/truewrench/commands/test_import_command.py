@@ -293,7 +293,7 @@ def test_every_log_names_its_import(
 def test_first_estimates_are_those_of_a_rigid_tool(
     hidden: tuple[HiddenEffect, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Within 4.5 std of the truth of a rigid tool (each of 10 numbers fails 7e-6); of another it says that it is none."""
+    """Within 4.5 std of the truth of a rigid tool (each of 10 numbers fails 7e-6); another one is said to be none."""
     rig, path = SpatialRig(), tmp_path / "log.csv"
     frame = simulate(rig, rig.random_motion(seed=2), hidden=hidden, repeats=3, samples_per_period=250, seed=2)
     columns = [f"Force {a.upper()} (N)" for a in "xyz"] + [f"Torque {a.upper()} (N m)" for a in "xyz"]
