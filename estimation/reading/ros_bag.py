@@ -50,12 +50,13 @@ SHOWN_FRAMES = 6
 
 
 class TransformTree:
-    """Transforms by child frame, each with its series of poses."""
+    """Transforms by child frame, each with its series of poses; and their stamps, s, none twice."""
 
     def __init__(self, transforms: Sequence[Transform]) -> None:
         self.series: dict[str, list[Transform]] = {}
         for transform in transforms:
             self.series.setdefault(transform.child, []).append(transform)
+        self.stamps = {child: np.unique([t.stamp for t in series]) for child, series in self.series.items()}
 
     def chain(self, frame: str) -> list[str]:
         """Child frames from a frame up to the root; none when tf does not know the frame."""
@@ -72,7 +73,7 @@ class TransformTree:
 
     def is_moving(self, child: str) -> bool:
         """Whether a frame's transform was published again and again."""
-        return not self.series[child][0].fixed and len(self._stamps(child)) >= FEWEST_STAMPS
+        return not self.series[child][0].fixed and len(self.stamps[child]) >= FEWEST_STAMPS
 
     def pose_columns(self, frame: str) -> dict[str, Array]:
         """Pose of the frame in the root at the stamps of its fastest transform; none where `missing` says why."""
@@ -102,7 +103,8 @@ class TransformTree:
             alike = len(self._common_stamps(frame)) >= FEWEST_STAMPS
             return "" if alike else f"the transforms from {root} to {frame} have no time in common"
         if frame in roots:
-            return f"its frame {frame} does not move in tf: its axes are the base's, and nothing tells the sensor's"
+            axes = 'state wrench_axes = "base" in a map, beside a pose of the sensor'
+            return f"its frame {frame} does not move in tf: its axes are the base's ({axes})"
         if not moving:
             return f"nothing moves in tf, which ends at {root}"
         known = chain or any(t.parent == frame for series in self.series.values() for t in series)
@@ -125,18 +127,15 @@ class TransformTree:
     def _common_stamps(self, frame: str) -> Array:
         """Stamps (n,) of the fastest moving transform of a frame's chain that are in a piece of every moving one."""
         moving = [link for link in self.chain(frame) if self.is_moving(link)]
-        stamps = self._stamps(max(moving, key=lambda link: len(self.series[link])))
+        stamps = self.stamps[max(moving, key=lambda link: len(self.series[link]))]
         for link in moving:
             pieces = [(stamps >= piece[0]) & (stamps <= piece[-1]) for piece in self._pieces(link)]
             stamps = stamps[np.any(pieces, axis=0)]
         return stamps
 
-    def _stamps(self, link: str) -> Array:
-        return np.unique([transform.stamp for transform in self.series[link]])
-
     def _pieces(self, link: str) -> list[Array]:
         """Stamps of a transform, between its gaps."""
-        stamps = self._stamps(link)
+        stamps = self.stamps[link]
         steps = np.diff(stamps)
         return np.split(stamps, np.flatnonzero(steps > LONGEST_GAP * np.median(steps)) + 1)
 

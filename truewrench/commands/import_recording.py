@@ -12,6 +12,7 @@ from typing import Any
 import pandas as pd
 
 from estimation.case import Case
+from estimation.fit import fit_case
 from estimation.reading.log_reader import Array
 from estimation.reading.log_reading import imported
 from estimation.recordings.reading_report import ReadingReport
@@ -20,6 +21,8 @@ from modeling.rig import Rig
 from truewrench.commands.results import print_result
 from truewrench.files.case_files import imported_frames
 from truewrench.files.output import atomic_write, progress_line
+from truewrench.text.fit_summary import FitSummary
+from truewrench.text.tool_text import tool_text
 
 PICTURES = (".png", ".svg", ".pdf")
 """Suffixes of the pictures that --plot draws."""
@@ -118,10 +121,6 @@ def run(arguments: argparse.Namespace) -> None:
 
 def first_estimates(case: Case) -> tuple[str, dict[str, Any]]:
     """Mass and centre of mass of a rigid tool with std, as text and as data; neither where it cannot be fitted."""
-    from estimation.fit import fit_case
-    from truewrench.text.fit_summary import FitSummary
-    from truewrench.text.tool_text import tool_text
-
     try:
         fitted = fit_case(case)
         summary = FitSummary(fitted, fitted.intervals())

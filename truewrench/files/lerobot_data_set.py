@@ -9,9 +9,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from tempfile import mkdtemp
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from estimation.contact.contact_wrench import ContactWrench
@@ -23,12 +25,12 @@ from estimation.recordings.column_table import parquet_file
 from estimation.recordings.recording import Recording
 from modeling.errors import InputError
 from modeling.rig import Rig
-
-if TYPE_CHECKING:
-    import pyarrow as pa
+from truewrench.files.output import require_writable_folder
 
 Array = NDArray[np.float64]
 
+DAMAGED = (ValueError, KeyError, TypeError, AttributeError, pa.ArrowException)
+"""What statistics raise that are not as the format has them."""
 ROW = "row of the episode"
 """Signal that tells which row a sample was, whatever the reading left out or put on one clock."""
 QUANTILES = {f"q{percent:02d}": percent / 100 for percent in (1, 10, 50, 90, 99)}
@@ -67,6 +69,7 @@ def require_place(out: Path, given: str | Path) -> None:
     if out.resolve() != folder.resolve() and os.path.lexists(out):
         remedy = "give a new folder, or the data set itself to change it in its place"
         raise InputError(what="is there already", where=str(out), remedy=remedy)
+    require_writable_folder(out.absolute().parent)
 
 
 def write_features(contacts: Mapping[Path, ContactWrench], out: Path) -> int:
@@ -150,9 +153,12 @@ class _Edits:
             info = json.loads(path.read_text(encoding="utf-8"))
             info["features"] |= self._described(info)
             beside(path).write_text(json.dumps(info, indent=4, ensure_ascii=False), encoding="utf-8")
-        except BaseException:
+        except BaseException as error:
             for new in changed:
                 new.unlink(missing_ok=True)
+            if isinstance(error, DAMAGED):
+                what = f"its statistics are not those of a LeRobot data set: {type(error).__name__}"
+                raise InputError(what=what, where=str(changed[new]), remedy="give a data set that is whole") from None
             raise
         return changed
 
@@ -167,9 +173,6 @@ class _Edits:
 
     def _write_rows(self, path: Path, new: Path) -> None:
         """A file of rows with the features' columns, those of an earlier call kept where no new values are."""
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
         with parquet_file(path) as file:
             table = file.read()
         of_row = table.column("episode_index").to_numpy()
@@ -208,9 +211,6 @@ class _Edits:
 
     def _write_episode_table(self, path: Path, new: Path) -> None:
         """Version 3: a row an episode, a column a statistic; null where an episode has no contact wrench."""
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
         with parquet_file(path) as file:
             table = file.read()
         stated = {name.rsplit("/", 1)[1] for name in table.column_names if name.startswith("stats/")}

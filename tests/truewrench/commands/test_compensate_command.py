@@ -412,6 +412,20 @@ def test_a_feature_of_another_shape_is_not_written_over(
     assert contents(data_set) == before
 
 
+@pytest.mark.parametrize("text", ["{", "[]\n", '{"episode_index": 0}\n', '{"episode_index": 0, "stats": {"a": 3}}\n'])
+def test_broken_statistics_are_one_line(
+    text: str, drag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data_set = lerobot_data_set(original().iloc[:1000], tmp_path / "in", "v2.1")
+    (data_set / "meta" / "episodes_stats.jsonl").write_text(text, encoding="utf-8")
+    before = contents(data_set)
+    for out in (data_set, tmp_path / "out"):
+        assert main(["compensate", str(drag), str(data_set), "--lerobot", str(out)]) == 2
+        assert "its statistics are not those of a LeRobot data set" in capsys.readouterr().err
+        assert contents(data_set) == before
+        assert [path.name for path in tmp_path.iterdir()] == ["in"]
+
+
 @pytest.mark.parametrize(
     "options", [("--only", "viscous_drag"), pytest.param((), marks=pytest.mark.long)], ids=["one effect", "all"]
 )
