@@ -305,7 +305,8 @@ def compensate(commands: Subcommands[Any]) -> argparse.ArgumentParser:
         "compensate", help="contact wrench of a recording", description=text
     )
     command.add_argument("model", metavar="MODEL.json", help="model file of `fit --out` or `diagnose --out`")
-    command.add_argument("recording", metavar="REC", help="recording (CSV or Parquet) of the same rig and tool")
+    text = "recording of the same rig and tool: CSV, Parquet, DATASET/episode_000003, with --lerobot DATASET"
+    command.add_argument("recording", metavar="REC", help=text)
     text = "use the zero of the fitted recording; by default it is re-estimated from the samples without contact"
     command.add_argument("--keep-zero", action="store_true", help=text)
     text = (
@@ -329,6 +330,11 @@ def compensate(commands: Subcommands[Any]) -> argparse.ArgumentParser:
         "bag for PlotJuggler, Foxglove and ROS 2: readings, prediction, contact and its std, and each effect as topics"
     )
     command.add_argument("--mcap", type=Path, metavar="OUT.mcap", help=text)
+    text = (
+        "copy of the LeRobot data set of which REC is an episode, or all of it, with contact, its std and the"
+        " prediction as features; the data set itself changes it in its place"
+    )
+    command.add_argument("--lerobot", type=Path, metavar="OUT", help=text)
     command.add_argument("--json", action="store_true", help="print the contacts and the zero as JSON alone")
     return command
 

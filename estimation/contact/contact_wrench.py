@@ -25,7 +25,7 @@ from estimation.contact.contact_detection import (
 )
 from estimation.fit import Fit, require_recording
 from estimation.least_squares.estimates import EstimatedModel, fixed_parameters
-from estimation.model_response import model_response
+from estimation.model_response import model_response, predicted_readings
 from estimation.multiplicity import chi2_sf
 from estimation.recordings.recording import Recording
 from estimation.streaming.streamed_fit import StreamedFit
@@ -418,6 +418,12 @@ class ContactWrench(Tabular):
             return PointForce.of(self.wrench, self.covariance, self.noise, self.tip_length)
         assert self.along_tip is not None
         return self.along_tip.point_force.turned(self.turn[..., :2, :2])
+
+    @property
+    def predicted(self) -> Array:
+        """Readings (n, p) that the model predicts, with the zero of this recording, in the readings' sign and axes."""
+        fitted = self.calibration.without_recording_specific
+        return predicted_readings(fitted.model, self.recording, fitted.theta) + self.zero_shift
 
     @property
     def std(self) -> Array:

@@ -105,7 +105,8 @@ VECTORS: Mapping[str, tuple[str, ...]] = {
     "position": ("px", "py", "pz"),
     "angular_velocity": ("wx", "wy", "wz"),
 }
-"""Columns by name that together are one vector; a map may give them one by one, or as one list."""
+"""Columns by name that together are one vector; a map may give them one by one, as one list, or as the name of the
+topic, sheet or file that has them."""
 OPTIONS = ("orientation", "orientation_columns", "orientation_of", "joints", "units", "wrench_axes", "rate", "offset")
 LARGEST_STATED = 1e9
 """Beyond any rate in Hz and any offset in s; stamps since 1970 are 1.8e9 s."""
@@ -117,6 +118,7 @@ class ColumnMap:
     """A map as its author wrote it.
 
     columns  source columns by name: time, fx .. tz, qx .. qw, px .. pz, q1 .., and any auxiliary signal
+    tables   topic, sheet or file by the name of the vector that is to be taken from it
     units    factors to SI by kind (time, position, angle, force, torque); `epoch` leaves the time in seconds
     inverse  whether the orientation is that of the base in the sensor (orientation_of = "base"), not the other way
     axes     "sensor" or "base": along which the wrench is given; rate in Hz of sources without time
@@ -125,6 +127,7 @@ class ColumnMap:
 
     where: str = "map"
     columns: Mapping[str, str] = field(default_factory=dict)
+    tables: Mapping[str, str] = field(default_factory=dict)
     orientation: tuple[str, ...] = ()
     form: OrientationForm | None = None
     inverse: bool = False
@@ -160,8 +163,9 @@ class ColumnMap:
                 remedy = suggestion(key, [*VECTORS, "joints", "orientation_columns"])
                 raise InputError(what=f"{quoted(key)} is no name of a list of columns", where=where, remedy=remedy)
         columns = {key: given.text(key) for key in data if key not in OPTIONS and key not in VECTORS}
+        tables = {key: given.text(key) for key in VECTORS if isinstance(data.get(key), str)}
         for key, names in VECTORS.items():
-            if key in data:
+            if key in data and key not in tables:
                 columns |= dict(zip(names, given.texts(key, (len(names),)), strict=True))
         if "joints" in data:
             columns |= {f"q{i}": column for i, column in enumerate(given.texts("joints", None), 1)}
@@ -174,7 +178,7 @@ class ColumnMap:
             what = f"{len(orientation)} columns of orientation are no {form or 'quaternion x y z w'}"
             raise InputError(what=what, where=where, remedy='state their form, such as orientation = "rotation_vector"')
         return cls(
-            where=where, columns=columns, orientation=orientation, form=form, units=given.units(),
+            where=where, columns=columns, tables=tables, orientation=orientation, form=form, units=given.units(),
             axes=given.frame("wrench_axes"), inverse=given.frame("orientation_of") == "base",
             rate=given.number("rate", low=0.0), offset=given.number("offset"),
         )  # fmt: skip

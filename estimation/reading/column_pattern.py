@@ -21,6 +21,7 @@ class Quantity(Enum):
     JOINTS = "joint angles"
     VERTICAL = "direction of gravity"
     RATE = "angular velocity"
+    SIGNAL = "other signals"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimation.reading.column_map import ColumnMap, name_and_unit
+from estimation.reading.column_map import VECTORS, ColumnMap, name_and_unit
 from estimation.reading.column_pattern import PATTERNS, ColumnPattern, Quantity
 from estimation.reading.gravity_vector import RATES, has_steady_length
 from estimation.reading.log_reader import NO_WRENCH, ROS_TOPIC, TF_CHAIN, Array, LogTable
@@ -93,6 +93,20 @@ def _name_of(pattern: ColumnPattern, component: str, members: dict[str, str]) ->
 COMMANDED = re.compile(
     r"target|desired|command|setpoint|goal|reference|(?:^|[^a-z])(?:cmd|ref|des|action)(?:[^a-z]|$)", re.IGNORECASE
 )
+DRIVERS_WORK = {
+    "compensated by the driver": r"(?:^|[^n])compensat|external|contact|without|\b(?:ext|comp|tared|zeroed)\b",
+    "filtered": r"(?:^|[^n])filter|smooth|averag|low ?pass|throttl|decimat|downsampl",
+    "not called raw": r"^(?!.*(?:\braw\b|unfilter|uncompensat))",
+}
+"""What a wrench's topic is called where a driver worked on it: one that takes out the weight, or lags, serves less."""
+TABLES = {
+    Quantity.WRENCH: ("wrench", "planar_wrench"),
+    Quantity.POSE: ("quaternion",),
+    Quantity.ORIENTATION: ("quaternion",),
+    Quantity.POSITION: ("position",),
+    Quantity.RATE: ("angular_velocity",),
+}
+"""Names of a map under which a quantity's topic, sheet or file may stand."""
 ASK = "name its columns in a map"
 EXAMPLES = {
     Quantity.WRENCH: 'fx = "column", ...',
@@ -103,7 +117,10 @@ EXAMPLES = {
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ColumnGroup:
-    """Columns of one table that are one quantity, under the names `targets` of a recording where they have some."""
+    """Columns of one table that are one quantity, under the names `targets` of a recording where they have some.
+
+    `why` says why it was chosen of several.
+    """
 
     quantity: Quantity
     table: LogTable
@@ -114,6 +131,7 @@ class ColumnGroup:
     base_axes: bool = False
     compensated: bool = False
     preset: str = ""
+    why: str = ""
 
     def values(self) -> Array:
         """The columns (n, k), as found."""
@@ -131,7 +149,8 @@ class ColumnGroup:
 class ColumnMapping:
     """What is read of all tables: wrench; motion as an orientation, with or without a position, or as joints.
 
-    With gravity or an accelerometer for an orientation, the angular velocity of a gyroscope, where there is one.
+    With gravity or an accelerometer for an orientation, the angular velocity of a gyroscope, where there is one; and
+    further signals that a map names of tables of which nothing else is read.
     """
 
     wrench: ColumnGroup
@@ -139,11 +158,12 @@ class ColumnMapping:
     position: ColumnGroup | None
     joints: tuple[ColumnGroup, ...]
     rate: ColumnGroup | None = None
+    signals: tuple[ColumnGroup, ...] = ()
 
     @property
     def groups(self) -> tuple[ColumnGroup, ...]:
         """All groups, the wrench first."""
-        groups = (self.wrench, self.orientation, self.position, *self.joints, self.rate)
+        groups = (self.wrench, self.orientation, self.position, *self.joints, self.rate, *self.signals)
         return tuple(group for group in groups if group is not None)
 
     @property
@@ -158,6 +178,13 @@ def column_mapping(tables: Sequence[LogTable], stated: ColumnMap, joint_names: S
 
     Raises InputError where something is missing, or two groups of columns could be it.
     """
+    mapping = _wrench_and_motion(tables, stated, joint_names)
+    return replace(mapping, signals=_Groups(tables, stated).signals(mapping))
+
+
+def _wrench_and_motion(
+    tables: Sequence[LogTable], stated: ColumnMap, joint_names: Sequence[str] | None
+) -> ColumnMapping:
     groups = _Groups(tables, stated)
     for reference in (*stated.columns.values(), *stated.orientation):
         if not any(reference in table.columns for table in tables):
@@ -165,11 +192,13 @@ def column_mapping(tables: Sequence[LogTable], stated: ColumnMap, joint_names: S
     wrench = groups.stated_vector(Quantity.WRENCH, SPATIAL_CHANNELS) or groups.stated_vector(
         Quantity.WRENCH, PLANAR_CHANNELS
     )
-    wrench = wrench or groups.chosen(Quantity.WRENCH)
+    wrench = wrench or groups.wrench()
     if wrench is None:
         if all(table.kind in (ROS_TOPIC, TF_CHAIN) and table.wrench_frame is None for table in tables):
             raise groups.without_wrench()
         raise groups.error("no wrench is recognised", (Quantity.WRENCH,), groups.incomplete_wrench())
+    frame = wrench.table.wrench_frame
+    groups = replace(groups, tables=[t for t in tables if t.kind != TF_CHAIN or t.wrench_frame == frame])
     joints = groups.joints(joint_names)
     if joints and (joint_names is not None or not stated.orientation):
         orientation = None if joint_names is not None else groups.orientation()
@@ -218,12 +247,13 @@ class _Groups:
         """The error of logs that have a wrench alone: no map helps."""
         has = f"; its topics are {self._topics()}" if wrench.table.kind == ROS_TOPIC else ""
         frame = f" of {wrench.table.wrench_frame}" if wrench.table.wrench_frame else ""
+        because = f": {wrench.table.without_pose}" if wrench.table.without_pose else ""
         remedy = (
             f"record the pose{frame} (PoseStamped, or /tf and /tf_static up to it), joint states, or the sensor's Imu"
             if has
             else "log its pose, joint angles, or an accelerometer beside it, or give the robot's log as a second source"
         )
-        what = f"a wrench, and nothing that tells how the sensor was turned or moved{has}"
+        what = f"a wrench, and nothing that tells how the sensor was turned or moved{because}{has}"
         return InputError(what=what, where=wrench.table.name.partition(":")[0], remedy=remedy)
 
     def _topics(self) -> str:
@@ -304,12 +334,44 @@ class _Groups:
     def candidates(self, quantity: Quantity) -> list[ColumnGroup]:
         """The complete groups of a quantity, best pattern first, measured before commanded ones."""
         patterns = [pattern for pattern in PATTERNS if pattern.quantity is quantity and pattern.parts]
-        groups = [group for pattern in patterns for table in self.tables for group in _matches(pattern, table)]
+        tables = self.stated_tables(quantity)
+        groups = [group for pattern in patterns for table in tables for group in _matches(pattern, table)]
         return sorted(groups, key=lambda group: bool(COMMANDED.search(group.title)))
 
-    def chosen(self, quantity: Quantity) -> ColumnGroup | None:
-        """The only group, or the best; InputError when two are equally good."""
-        return self.only([group for group in self.candidates(quantity) if _is_alive(group)])
+    def stated_tables(self, quantity: Quantity) -> Sequence[LogTable]:
+        """The tables of which a quantity is to be: the one that the map names for it, else all."""
+        stated = [self.stated.tables[key] for key in TABLES.get(quantity, ()) if key in self.stated.tables]
+        if not stated:
+            return self.tables
+        tables = [t for t in self.tables if stated[0] in (t.name, t.name.partition(":")[2])]
+        if not tables:
+            names = ", ".join(table.name.partition(":")[2] or table.name for table in self.tables[:MOST_NAMES])
+            what = f"there is no topic, sheet or file {quoted(stated[0])} among {names}"
+            raise InputError(what=what, where=self.stated.where, remedy="correct the map")
+        return tables
+
+    def wrench(self) -> ColumnGroup | None:
+        """The only wrench, or the best; InputError when two are equally good.
+
+        Of several topics the one is taken on which the driver worked least, by their names, then one whose frame's pose
+        tf tells.
+        """
+        groups = [group for group in self.candidates(Quantity.WRENCH) if _is_alive(group)]
+        groups = [g if not _is_worked_on(g) else replace(g, compensated=True) for g in groups]
+        topics = [group for group in groups if group.table.kind == ROS_TOPIC]
+        if not groups or groups[0] not in topics or len(topics) < 2:
+            return self.only(groups)
+        topics.sort(key=_worked_on)
+        best, second = topics[:2]
+        if _worked_on(best) == _worked_on(second):
+            both = " or ".join(_topic(group) for group in (best, second))
+            remedy = f'state it in a map: wrench = "{_topic(best)}"'
+            raise InputError(what=f"the wrench could be that of {both}", where=best.table.name, remedy=remedy)
+        kinds = ["commanded", *DRIVERS_WORK, "without its frame's pose in tf"]
+        others = [(_topic(g), next(k for k, a, b in zip(kinds, _worked_on(g), _worked_on(best), strict=True) if a > b))
+                  for g in topics[1:]]  # fmt: skip
+        why = f"of {len(topics)} topics with a wrench: {', '.join(f'{name} is {kind}' for name, kind in others)}"
+        return replace(best, why=why)
 
     def only(self, groups: Sequence[ColumnGroup]) -> ColumnGroup | None:
         """The first group; InputError when the next one is as good a reading."""
@@ -321,7 +383,14 @@ class _Groups:
             for g in groups[1:]
             if (g.preset, bool(COMMANDED.search(g.title))) == (best.preset, bool(COMMANDED.search(best.title)))
         ]
-        rivals = [g for g in rivals if g.targets == best.targets and g.columns != best.columns and not g.preset]
+        rivals = [g for g in rivals if g.targets == best.targets and not g.preset]
+        topics = [g for g in rivals if g.table is not best.table and {g.table.kind, best.table.kind} == {ROS_TOPIC}]
+        if topics and topics[0].columns == best.columns:
+            key = next(iter(TABLES.get(best.quantity, ())), "")
+            remedy = f'state it in a map: {key} = "{_topic(best)}"' if key else f"{ASK}, and give it by --map"
+            what = f"the {best.quantity.value} could be that of {_topic(best)} or {_topic(topics[0])}"
+            raise InputError(what=what, where=best.table.name, remedy=remedy)
+        rivals = [g for g in rivals if g.columns != best.columns]
         if rivals:
             what = f"the {best.quantity.value} could be {best.title} or {rivals[0].title}"
             raise InputError(what=what, where=best.table.name, remedy=f"{ASK}, and give it by --map")
@@ -338,7 +407,7 @@ class _Groups:
             return ColumnGroup(**{**vars(group), "form": OrientationForm("planar")})
         both = [*self.candidates(Quantity.POSE), *self.candidates(Quantity.ORIENTATION)]
         order = {pattern: place for place, pattern in enumerate(PATTERNS)}
-        both.sort(key=lambda g: (bool(COMMANDED.search(g.title)), not g.preset))
+        both.sort(key=lambda g: (bool(COMMANDED.search(g.title)), not g.preset, g.table.kind != TF_CHAIN))
         there = [g for g in both if _has_samples(g)]
         beyond_doubt = [
             g for g in there if g.form is None or not g.form.angles
@@ -383,6 +452,24 @@ class _Groups:
         ]
         return next(iter(plain), None)
 
+    def signals(self, mapping: ColumnMapping) -> tuple[ColumnGroup, ...]:
+        """Columns that the map names of tables of which the mapping reads nothing, a group a table."""
+        used = {id(group.table) for group in mapping.groups}
+        members: dict[int, list[tuple[LogTable, str, str]]] = {}
+        for target, reference in self.stated.columns.items():
+            if re.fullmatch(r"time|phi|q\d+", target) or any(target in names for names in VECTORS.values()):
+                continue
+            table, column = self.place(reference)
+            if id(table) not in used:
+                members.setdefault(id(table), []).append((table, column, target))
+        return tuple(
+            ColumnGroup(
+                quantity=Quantity.SIGNAL, table=own[0][0],
+                columns=tuple(c for _, c, _ in own), targets=tuple(t for _, _, t in own),
+            )
+            for own in members.values()
+        )  # fmt: skip
+
     def joints(self, names: Sequence[str] | None) -> tuple[ColumnGroup, ...]:
         """Groups of joint angles with the targets q1 .. qn; several where several sources hold some each."""
         stated = [key for key in self.stated.columns if re.fullmatch(r"q[1-9]\d*", key)]
@@ -421,6 +508,27 @@ def _has_samples(group: ColumnGroup) -> bool:
     for name in group.columns:
         complete &= np.isfinite(group.table.columns[name])
     return bool(complete.any())
+
+
+def _topic(group: ColumnGroup) -> str:
+    return group.table.name.partition(":")[2]
+
+
+def _words(group: ColumnGroup) -> str:
+    """The name of a topic in words, for a pattern."""
+    return re.sub(r"[^a-z]+", " ", _topic(group).lower())
+
+
+def _is_worked_on(group: ColumnGroup) -> bool:
+    """Whether a topic's name says that the driver takes out a payload's weight."""
+    return group.table.kind == ROS_TOPIC and bool(re.search(next(iter(DRIVERS_WORK.values())), _words(group)))
+
+
+def _worked_on(group: ColumnGroup) -> tuple[bool, ...]:
+    """How little a topic serves, in the order of what counts most: by its name, then for want of a pose."""
+    name = _words(group)
+    called = [bool(re.search(pattern, name)) for pattern in DRIVERS_WORK.values()]
+    return bool(COMMANDED.search(name)), *called, bool(group.table.without_pose)
 
 
 def _is_alive(group: ColumnGroup) -> bool:

@@ -287,6 +287,9 @@ def _elements(lists: Any) -> Array | None:
 
 BOOKKEEPING = re.compile(r"(?:frame_|episode_|task_)?index|next\..*")
 """Columns of a LeRobot data set that nobody measured."""
+CONTACT, CONTACT_STD = "observation.contact_wrench", "observation.contact_wrench_std"
+PREDICTION = "observation.wrench_prediction"
+"""Features that `compensate --lerobot` writes, which nobody measured either."""
 LARGEST_INFO = 1 << 24
 """Bytes of a data set's description."""
 
@@ -309,12 +312,7 @@ class LeRobot(LogReader):
         """One table, each column also called as the data set's description calls it."""
         folder, number = episode_of(source.path) or (source.path, None)
         features = _features(folder)
-        own = sorted(folder.glob(f"data/**/episode_{number:06d}.parquet")) if number is not None else []
-        held = {
-            int(episode): file
-            for file in own or sorted(folder.glob("data/**/*.parquet"))
-            for episode in _episodes(file)
-        }
+        held = episodes_of(folder, number)
         if number is None and len(held) == 1:
             number = next(iter(held))
         if number not in held:
@@ -351,10 +349,14 @@ def _features(folder: Path) -> dict[str, list[str]]:
     return names
 
 
-def _episodes(path: Path) -> Array:
-    """Numbers of the episodes in a file of a data set."""
-    with parquet_file(path) as file:
-        return np.unique(file.read(["episode_index"]).column(0).to_numpy())
+def episodes_of(folder: Path, number: int | None = None) -> dict[int, Path]:
+    """Files of a data set by the numbers of their episodes; of that file alone that is called as an episode is."""
+    own = sorted(folder.glob(f"data/**/episode_{number:06d}.parquet")) if number is not None else []
+    held: dict[int, Path] = {}
+    for path in own or sorted(folder.glob("data/**/*.parquet")):
+        with parquet_file(path) as file:
+            held |= dict.fromkeys(np.unique(file.read(["episode_index"]).column(0).to_numpy()).tolist(), path)
+    return held
 
 
 def _rows_of_episode(path: Path, number: int) -> dict[str, Any]:
@@ -362,6 +364,7 @@ def _rows_of_episode(path: Path, number: int) -> dict[str, Any]:
     with parquet_file(path) as file:
         wanted = [field.name for field in file.schema_arrow if not BOOKKEEPING.fullmatch(field.name)]
         wanted = [name for name in wanted if not name.startswith("observation.images")]
+        wanted = [name for name in wanted if name not in (CONTACT, CONTACT_STD, PREDICTION)]
         require_size(file.metadata.num_columns * file.metadata.num_rows, str(path))
         table = file.read([*wanted, "episode_index"])
     rows = np.flatnonzero(table.column("episode_index").to_numpy() == number)

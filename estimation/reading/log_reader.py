@@ -35,7 +35,8 @@ class LogTable:
 
     texts     columns of text, with the first different values of each
     called    what the source's own description calls a column, where its name is but a number in a list
-    wrench_frame  the frame that the source states for its wrench; None where it states none
+    wrench_frame  the frame that the source states for its wrench, or whose pose it is by tf; None where it states none
+    without_pose  why the source does not tell the pose of that frame; empty where it does, or says nothing of frames
     unread    what else the source holds that no table was made of, such as topics of other types
     notes     what the reader had to do, as (what, number of cells or rows, whether samples were changed by it)
     """
@@ -46,6 +47,7 @@ class LogTable:
     texts: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     called: Mapping[str, str] = field(default_factory=dict)
     wrench_frame: str | None = None
+    without_pose: str = ""
     notes: tuple[tuple[str, int, bool], ...] = ()
     unread: tuple[str, ...] = ()
 

@@ -48,8 +48,14 @@ class SiColumns:
             how += f", frame {quoted(frame)} as its header states"
         if group.compensated:
             how += "; compensated by the robot"
+        if group.why:
+            how += f"; {group.why}"
+        if group.compensated:
             what = "the robot takes a payload's weight out of these readings: a tool's mass is not what they show"
             self.log.suspicious(what, group.table.name)
+        if group.table.without_pose and self.mapping.orientation is not None:
+            pose = self.mapping.orientation.table.name
+            self.log.suspicious(f"{group.table.without_pose}; the pose of {pose} is taken for it", group.table.name)
         return self._scaled(group, kinds, how)
 
     @property
@@ -63,6 +69,9 @@ class SiColumns:
             return self._checked_position(self._scaled(group, ["position"] * 3, "m"), group)
         if group is self.mapping.rate:
             return self._scaled(group, ["rate"] * 3, "rad/s, in the sensor's axes")
+        if group in self.mapping.signals:
+            self._note(group, group.targets, "as it stands, as the map names it")
+            return dict(zip(group.targets, group.values().T, strict=True))
         if group is not self.mapping.orientation:
             return self._joints(group)
         if group.form == PLANAR_FORM:

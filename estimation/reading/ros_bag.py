@@ -41,13 +41,22 @@ class Transform:
     fixed: bool
 
 
+LONGEST_GAP = 10
+"""Usual steps of a transform between two of its stamps, beyond which nothing is interpolated: it stopped meanwhile."""
+FEWEST_STAMPS = 3
+"""Of a transform that moves; fewer are a mounting that was published with the moving ones."""
+SHOWN_FRAMES = 6
+"""Frames that a message names."""
+
+
 class TransformTree:
-    """Transforms by child frame, each with its series of poses."""
+    """Transforms by child frame, each with its series of poses; and their stamps, s, none twice."""
 
     def __init__(self, transforms: Sequence[Transform]) -> None:
         self.series: dict[str, list[Transform]] = {}
         for transform in transforms:
             self.series.setdefault(transform.child, []).append(transform)
+        self.stamps = {child: np.unique([t.stamp for t in series]) for child, series in self.series.items()}
 
     def chain(self, frame: str) -> list[str]:
         """Child frames from a frame up to the root; none when tf does not know the frame."""
@@ -57,19 +66,22 @@ class TransformTree:
             frame = self.series[frame][0].parent
         return frames
 
+    def root(self, frame: str) -> str:
+        """The frame at the top of a frame's chain; itself where nothing is above it."""
+        chain = self.chain(frame)
+        return self.series[chain[-1]][0].parent if chain else frame
+
+    def is_moving(self, child: str) -> bool:
+        """Whether a frame's transform was published again and again."""
+        return not self.series[child][0].fixed and len(self.stamps[child]) >= FEWEST_STAMPS
+
     def pose_columns(self, frame: str) -> dict[str, Array]:
-        """Pose of the frame in the root at the stamps of the fastest moving transform; none of a frame that rests."""
+        """Pose of the frame in the root at the stamps of its fastest transform; none where `missing` says why."""
         from scipy.spatial.transform import Rotation  # slow to import
 
-        chain = self.chain(frame)
-        moving = [link for link in chain if not self.series[link][0].fixed and len(self.series[link]) > 2]
-        if not moving:
+        if self.missing(frame):
             return {}
-        stamps = self._stamps(max(moving, key=lambda link: len(self.series[link])))
-        low, high = max(self._stamps(m)[0] for m in moving), min(self._stamps(m)[-1] for m in moving)
-        stamps = stamps[(stamps >= low) & (stamps <= high)]
-        if len(stamps) < 3:
-            return {}
+        chain, stamps = self.chain(frame), self._common_stamps(frame)
         place, turn = np.zeros((len(stamps), 3)), Rotation.identity(len(stamps))
         for link in chain:
             offset, rotation = self._at(link, stamps)
@@ -77,21 +89,71 @@ class TransformTree:
         names = [f"pose.position.{a}" for a in "xyz"] + [f"pose.orientation.{a}" for a in "xyzw"]
         return {"stamp": stamps, **dict(zip(names, np.hstack([place, turn.as_quat()]).T, strict=True))}
 
-    def _stamps(self, link: str) -> Array:
-        return np.unique([transform.stamp for transform in self.series[link]])
+    def missing(self, frame: str) -> str:
+        """Why tf does not tell the pose of a wrench's frame; empty where it does."""
+        if not frame:
+            return "the header of the wrench names no frame that tf could lead to"
+        moving = [child for child in self.series if self.is_moving(child)]
+        chain, root, roots = self.chain(frame), self.root(frame), {self.root(child) for child in moving}
+        twice = [child for child in chain if len({t.parent for t in self.series[child]}) > 1]
+        if twice:
+            parents = " and ".join(sorted({transform.parent for transform in self.series[twice[0]]}))
+            return f"tf gives {twice[0]} two parents, {parents}"
+        if any(child in moving for child in chain):
+            alike = len(self._common_stamps(frame)) >= FEWEST_STAMPS
+            return "" if alike else f"the transforms from {root} to {frame} have no time in common"
+        if frame in roots:
+            axes = 'state wrench_axes = "base" in a map, beside a pose of the sensor'
+            return f"its frame {frame} does not move in tf: its axes are the base's ({axes})"
+        if not moving:
+            return f"nothing moves in tf, which ends at {root}"
+        known = chain or any(t.parent == frame for series in self.series.values() for t in series)
+        if not known:
+            frames = [*dict.fromkeys([*sorted(roots), *self.series])]
+            more = f" and {len(frames) - SHOWN_FRAMES} more" if len(frames) > SHOWN_FRAMES else ""
+            return f"tf has no frame {frame}, but {', '.join(frames[:SHOWN_FRAMES])}{more}"
+        leads = f"leads from {frame} up to {root}" if chain else f"has nothing above {frame}"
+        hangs = f"what moves hangs on {' and '.join(sorted(roots))}"
+        return f"tf {leads}, and {hangs}: a transform between that and {root} is missing (often of /tf_static)"
+
+    def apart(self, frame: str) -> str:
+        """What moves in tf and is not connected with a frame, as text; empty where all that moves is."""
+        roots = {self.root(child) for child in self.series if self.is_moving(child)} - {self.root(frame)}
+        if not roots:
+            return ""
+        moves, root = f"{' and '.join(sorted(roots))} and what moves on it", self.root(frame)
+        return f"in tf {moves} is not connected with {root}, in which {frame} is given: right only if {root} is at rest"
+
+    def _common_stamps(self, frame: str) -> Array:
+        """Stamps (n,) of the fastest moving transform of a frame's chain that are in a piece of every moving one."""
+        moving = [link for link in self.chain(frame) if self.is_moving(link)]
+        stamps = self.stamps[max(moving, key=lambda link: len(self.series[link]))]
+        for link in moving:
+            pieces = [(stamps >= piece[0]) & (stamps <= piece[-1]) for piece in self._pieces(link)]
+            stamps = stamps[np.any(pieces, axis=0)]
+        return stamps
+
+    def _pieces(self, link: str) -> list[Array]:
+        """Stamps of a transform, between its gaps."""
+        stamps = self.stamps[link]
+        steps = np.diff(stamps)
+        return np.split(stamps, np.flatnonzero(steps > LONGEST_GAP * np.median(steps)) + 1)
 
     def _at(self, link: str, stamps: Array) -> tuple[Array, Array]:
         series = self.series[link]
         values = np.array([transform.values for transform in series])
-        if series[0].fixed or len(series) < 3:
+        if not self.is_moving(link):
             return np.tile(values[-1, :3], (len(stamps), 1)), np.tile(values[-1, 3:], (len(stamps), 1))
         instants, first = np.unique([transform.stamp for transform in series], return_index=True)
         values = values[first]
-        if len(instants) == len(stamps) and np.array_equal(instants, stamps):
+        if np.array_equal(instants, stamps):
             return values[:, :3], values[:, 3:]
-        return interpolated_position(instants, values[:, :3], stamps), interpolated_quaternion(
-            instants, values[:, 3:], stamps
-        )
+        place, turn = np.zeros((len(stamps), 3)), np.zeros((len(stamps), 4))
+        for piece in self._pieces(link):
+            known, asked = np.isin(instants, piece), (stamps >= piece[0]) & (stamps <= piece[-1])
+            place[asked] = interpolated_position(piece, values[known, :3], stamps[asked])
+            turn[asked] = interpolated_quaternion(piece, values[known, 3:], stamps[asked])
+        return place, turn
 
 
 ROS1_MAGIC, MCAP_MAGIC, SQLITE_MAGIC = b"#ROSBAG V2.0", b"\x89MCAP0\r\n", b"SQLite format 3\0"
@@ -113,6 +175,9 @@ class RosBag(LogReader):
 
     def tables(self, source: SourceFile) -> list[LogTable]:
         """The topics with known message types."""
+        if source.head.startswith(MCAP_MAGIC) and (profile := _mcap_profile(source.head)) != "ros2":
+            what = f"an MCAP file with messages of {profile or 'no profile'}, and not of ROS 2"
+            raise source.error(what, "export it as a ROS 2 bag, or as CSV, from the program that wrote it")
         topics = _Topics(source.name)
         with source.on_disk() as path:
             for topic, kind, received, message in messages(path):
@@ -124,6 +189,13 @@ class RosBag(LogReader):
             what = f"{NO_WRENCH}; its topics are {', '.join(unread)}"
             raise source.error(what, "record the topics of wrench and pose, or joint states")
         return [replace(table, unread=unread) for table in tables]
+
+
+def _mcap_profile(head: bytes) -> str:
+    """What the header of an MCAP file, its first record, says of its messages; "ros2" where it is cut off."""
+    start = len(MCAP_MAGIC) + 9  # behind the record's kind and length
+    end = start + 4 + int.from_bytes(head[start : start + 4], "little")
+    return head[start + 4 : end].decode("utf-8", "replace") if len(head) > end else "ros2"
 
 
 def unread_topics(path: Path) -> tuple[str, ...]:
@@ -173,16 +245,26 @@ class _Topics:
         return stamp
 
     def tables(self) -> list[LogTable]:
-        """A table for each topic and set of columns, and one for the pose of the wrench's frame by tf."""
-        tables = [self._table(topic, names, rows) for (topic, names), rows in self.rows.items()]
-        frames = [frame for frame in dict.fromkeys(self.frames.values()) if frame]
-        chains = [TransformTree(self.transforms).pose_columns(frame) for frame in frames]
-        for frame, columns in zip(frames, chains, strict=True):
-            if columns:
-                tables.append(LogTable(name=f"{self.source}:/tf ({frame})", kind=TF_CHAIN, columns=columns))
-        return tables
+        """A table for each topic and set of columns, and one for the pose of each frame of a wrench by tf."""
+        tree = TransformTree(self.transforms)
+        tables = [self._table(topic, names, rows, tree) for (topic, names), rows in self.rows.items()]
+        chains = [self._chain(frame, tree) for frame in dict.fromkeys(self.frames.values()) if frame]
+        return [*tables, *(table for table in chains if table.columns)]
 
-    def _table(self, topic: str, names: tuple[str, ...], rows: list[tuple[float, ...]]) -> LogTable:
+    def _chain(self, frame: str, tree: TransformTree) -> LogTable:
+        """The pose of a frame by tf; without columns where tf does not tell it."""
+        columns = tree.pose_columns(frame)
+        notes = []
+        if columns:
+            path = " - ".join([tree.root(frame), *reversed(tree.chain(frame))])
+            notes = [(f"pose composed along {path}", len(columns["stamp"]), False)]
+            notes += [(apart, 1, False)] if (apart := tree.apart(frame)) else []
+        name = f"{self.source}:/tf ({frame})"
+        return LogTable(name=name, kind=TF_CHAIN, columns=columns, wrench_frame=frame, notes=tuple(notes))
+
+    def _table(
+        self, topic: str, names: tuple[str, ...], rows: list[tuple[float, ...]], tree: TransformTree
+    ) -> LogTable:
         values = np.array(rows, dtype=np.float64).T
         columns: dict[str, Array] = dict(zip(("stamp", *names), values, strict=True))
         late = np.array(self.lateness.get(topic, [0.0]))
@@ -193,7 +275,10 @@ class _Topics:
             notes.append((what, len(late), False))
         name = f"{self.source}:{topic}" + (f" ({names[0]}..)" if names and names[0].startswith("joint:") else "")
         frame = self.frames.get(topic)
-        return LogTable(name=name, kind=ROS_TOPIC, columns=columns, wrench_frame=frame, notes=tuple(notes))
+        return LogTable(
+            name=name, kind=ROS_TOPIC, columns=columns, wrench_frame=frame, notes=tuple(notes),
+            without_pose="" if frame is None or not tree.series else tree.missing(frame),
+        )  # fmt: skip
 
 
 # ------------------------------------------------------------------------------------------- messages

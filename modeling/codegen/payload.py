@@ -166,7 +166,7 @@ class Urdf(PayloadFormat):
         inertial = SubElement(SubElement(root, "link", name="tool"), "inertial")
         SubElement(inertial, "origin", xyz=_numbers(tool.centre_of_mass), rpy="0 0 0")
         SubElement(inertial, "mass", value=repr(tool.mass))
-        inertia = tool.required_inertia(self.name)
+        inertia = tool.solid_inertia(self.name)
         SubElement(inertial, "inertia", {name: _number(inertia[at]) for name, at in TRIANGLE.items()})
         return _document(root)
 
@@ -182,7 +182,7 @@ class Sdf(PayloadFormat):
         inertial = SubElement(SubElement(SubElement(root, "model", name="tool"), "link", name="tool"), "inertial")
         SubElement(inertial, "pose").text = f"{_numbers(tool.centre_of_mass)} 0 0 0"
         SubElement(inertial, "mass").text = repr(tool.mass)
-        moments, inertia = tool.required_inertia(self.name), SubElement(inertial, "inertia")
+        moments, inertia = tool.solid_inertia(self.name), SubElement(inertial, "inertia")
         for name, at in TRIANGLE.items():
             SubElement(inertia, name).text = _number(moments[at])
         return _document(root)
@@ -198,7 +198,7 @@ class Mjcf(PayloadFormat):
         root = _root("mujoco", tool, source, model="tool")
         body = SubElement(SubElement(root, "worldbody"), "body", name="tool")
         SubElement(body, "freejoint")
-        inertia = tool.required_inertia(self.name)
+        inertia = tool.solid_inertia(self.name)
         full = [inertia[TRIANGLE[name]] for name in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")]
         where = {"pos": _numbers(tool.centre_of_mass), "mass": repr(tool.mass), "fullinertia": _numbers(full)}
         SubElement(body, "inertial", where)

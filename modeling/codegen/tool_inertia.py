@@ -76,7 +76,13 @@ class Readings:
 
 WHERE = "tool"
 ROUNDING = 1e-9
-"""Relative size of a negative second moment that is rounding: a tool that is flat or a line has zeros."""
+"""Size of a negative second moment about the centre of mass that is rounding, over the sum of those about the sensor
+origin, of which it is a difference: a tool that is flat, a line or a point has zeros."""
+THINNEST = 1e-12
+"""Least second moment about the centre of mass over their sum, of a tool for a simulator: of a flat one rounding, some
+1e-15, decides there about A + B >= C of its principal moments."""
+SMALLEST_MOMENT = 1e-13
+"""kg m²: MuJoCo takes principal moments from 1e-14 (mjEPS), this is ten times as much, and a grain of sand's."""
 STATED_FRAME = "frame in which"
 """What a frame begins with in which the pose of the sensor was stated."""
 LARGEST_OFFSET = 2.0
@@ -156,7 +162,7 @@ class ToolInertia:
         central = (
             None
             if any(not identifiable[n] for n in identifiable if n[0] == "I" and len(n) == 3)
-            else _consistent(second)
+            else _consistent(second, float(np.trace(matrix[:3, :3])))
         )
         changes = _one_std_changes(covariance)
         centre_modes, inertia_modes = _modes(matrix, np.tensordot(changes, pseudo.slopes, axes=1))
@@ -223,6 +229,22 @@ class ToolInertia:
             raise InputError(what=what, where=WHERE, remedy=remedy)
         return self.inertia
 
+    def solid_inertia(self, name: str) -> Array:
+        """The inertia (3, 3) for a simulator, whose format is `name`.
+
+        InputError as `required_inertia`, and for a tool that is flat, a line, a point or too small.
+        """
+        inertia = self.required_inertia(name)
+        moments = np.linalg.eigvalsh(inertia)
+        second = moments.sum() / 2 - moments[::-1]
+        shape = ("", "flat", "a line", "a point")[int((second < THINNEST * second.sum()).sum()) if second.any() else 3]
+        if shape or moments[0] < SMALLEST_MOMENT:
+            shape = shape or f"below {SMALLEST_MOMENT:g} kg m²"
+            what = f"{name} is for simulators, which refuse a tool that is {shape}: principal moments"
+            what = f"{what} {', '.join(f'{max(v, 0.0):.3g}' for v in moments)} kg m²"
+            raise InputError(what=what, where=WHERE, remedy="fit with --physical, which keeps it thicker; ur takes it")
+        return inertia
+
 
 def _require_identifiable(unknown: Sequence[str]) -> None:
     if unknown:
@@ -230,16 +252,21 @@ def _require_identifiable(unknown: Sequence[str]) -> None:
         raise InputError(what=what, where=WHERE, remedy="record poses or a motion that turn the tool about two axes")
 
 
-def _consistent(second: Array) -> Array:
-    """The inertia of second moments (3, 3) about the centre of mass; InputError if one of them is negative."""
-    moments = np.linalg.eigvalsh(second)
-    if moments[0] < -ROUNDING * np.abs(moments).max():
+def _consistent(second: Array, size: float) -> Array:
+    """The inertia of second moments (3, 3) about the centre of mass; InputError if one of them is negative.
+
+    What is negative by rounding of `size`, the sum of those about the sensor origin, is zero.
+    """
+    moments, axes = np.linalg.eigh(second)
+    if moments[0] < -ROUNDING * size:
         largest = (moments.sum() - moments)[::-1]
         what = (
             "no distribution of mass has this inertia: principal moments about the centre of mass"
             f" {', '.join(f'{v:.3g}' for v in largest)} kg m², of which one exceeds the sum of the others"
         )
         raise InputError(what=what, where=WHERE, remedy="fit again with --physical, or record a faster motion")
+    if moments[0] < 0:
+        second = (axes * np.maximum(moments, 0.0)) @ axes.T
     return np.asarray(np.trace(second) * np.eye(3) - second)
 
 

@@ -319,13 +319,13 @@ def test_import_names_it_and_the_line_that_states_it(tmp_path: Path) -> None:
     frame = static_poses(MountedTool(down=(1.0, 0.0, 0.0)), 24, seed=1).rename(columns={"fx": "force_x"})
     path = tmp_path / "log.csv"
     frame.to_csv(path, index=False)
-    (said,) = (s for s in imported_frames(imported(path).recording())["frames"] if "ravity" in s)
+    (said,) = (s for s in imported_frames(imported(path).recording())[0]["frames"] if "ravity" in s)
     assert "write gravity_direction = [1, 0, 0]" in said or "write gravity_direction = [-1, 0, 0]" in said
     stated = said.split("gravity_direction = ")[1].split("]")[0].strip("[").split(", ")
     rig = Rig.from_data({"robot": {"gravity_direction": [float(number) for number in stated]}})
     log = imported(path, rig=rig)
     assert not log.report.of(StepKind.SUSPICIOUS)
-    assert not any("ravity" in sentence for sentence in imported_frames(log.recording(rig))["frames"])
+    assert not any("ravity" in sentence for sentence in imported_frames(log.recording(rig))[0]["frames"])
 
 
 @pytest.mark.long

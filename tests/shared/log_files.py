@@ -412,8 +412,8 @@ def lerobot_data_set(frame: Frame, folder: Path, version: str, *, episodes: int 
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    def feature(names: object, size: int) -> dict[str, object]:
-        return {"dtype": "float64", "shape": [size], "names": names if named else None}
+    def feature(names: object, size: int, kind: str = "float64") -> dict[str, object]:
+        return {"dtype": kind, "shape": [size], "names": names if named else None}
 
     vectors = {
         "observation.state": feature(STATE, 8),
@@ -422,33 +422,69 @@ def lerobot_data_set(frame: Frame, folder: Path, version: str, *, episodes: int 
         ),
         "action": feature({"motors": STATE}, 8),
     }
-    rate = 1 / float(np.mean(np.diff(frame["time"])))
+    numbers = {"timestamp": feature(None, 1, "float32")}
+    numbers |= {n: feature(None, 1, "int64") for n in ("frame_index", "episode_index", "index", "task_index")}
+    second = version.startswith("v2")
     chunk = folder / "data" / "chunk-000"
     chunk.mkdir(parents=True)
     (folder / "meta").mkdir()
-    described = {"codebase_version": version, "fps": rate, "total_episodes": episodes, "features": vectors}
+    data_path = "data/chunk-{episode_chunk:03d}/episode_{episode_index:06d}.parquet"
+    described = {
+        "codebase_version": version, "robot_type": "arm", "fps": round(1 / float(np.mean(np.diff(frame["time"])))),
+        "total_episodes": episodes, "total_frames": episodes * len(frame), "total_tasks": 1, "chunks_size": 1000,
+        "data_path": data_path if second else "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet",
+        "video_path": None, "splits": {"train": f"0:{episodes}"}, "features": vectors | numbers,
+    }  # fmt: skip
     (folder / "meta" / "info.json").write_text(json.dumps(described), encoding="utf-8")
-    tables = []
+    tables, stats = [], []
     for episode in range(episodes):
         state = np.column_stack([frame[POSITION + QUATERNION], np.linspace(0, 1, len(frame))])
         wrench = frame[CHANNELS].to_numpy() * (episode == episodes // 2)
         columns = {
             "observation.state": pa.array(list(state), pa.list_(pa.float64(), 8)),
             "action": pa.array(list(np.roll(state, -1, axis=0)), pa.list_(pa.float64(), 8)),
-            "observation.wrench": pa.array(list(wrench), pa.list_(pa.float64())),
-            "timestamp": frame["time"] - frame["time"].iloc[0],
+            "observation.wrench": pa.array(list(wrench), pa.list_(pa.float64(), 6)),
+            "timestamp": pa.array((frame["time"] - frame["time"].iloc[0]).astype(np.float32)),
             "frame_index": np.arange(len(frame)),
             "episode_index": np.full(len(frame), episode),
             "index": np.arange(len(frame)) + episode * len(frame),
             "task_index": np.zeros(len(frame), dtype=int),
         }
         tables.append(pa.table(columns))
-    if version.startswith("v2"):
+        stats.append({"observation.wrench": lerobot_statistics(wrench)})
+    if second:
         for episode, table in enumerate(tables):
             pq.write_table(table, chunk / f"episode_{episode:06d}.parquet")
-    else:
-        pq.write_table(pa.concat_tables(tables), chunk / "file-000.parquet")
+        lines = [json.dumps({"episode_index": episode, "stats": own}) for episode, own in enumerate(stats)]
+        (folder / "meta" / "episodes_stats.jsonl").write_text("\n".join(lines) + "\n", encoding="utf-8")
+        task = json.dumps({"task_index": 0, "task": "swing"})
+        (folder / "meta" / "tasks.jsonl").write_text(task + "\n", encoding="utf-8")
+        lengths = [{"episode_index": i, "tasks": ["swing"], "length": len(frame)} for i in range(episodes)]
+        text = "".join(json.dumps(line) + "\n" for line in lengths)
+        (folder / "meta" / "episodes.jsonl").write_text(text, encoding="utf-8")
+        return folder
+    pq.write_table(pa.concat_tables(tables), chunk / "file-000.parquet")
+    first = [len(frame) * episode for episode in range(episodes)]
+    of_episodes: dict[str, Any] = {
+        "episode_index": list(range(episodes)), "tasks": [["swing"]] * episodes, "length": [len(frame)] * episodes,
+        "dataset_from_index": first, "dataset_to_index": [start + len(frame) for start in first],
+        **{f"{kind}/{name}_index": [0] * episodes for kind in ("data", "meta/episodes") for name in ("chunk", "file")},
+    }  # fmt: skip
+    for name in stats[0]["observation.wrench"]:
+        of_episodes[f"stats/observation.wrench/{name}"] = [own["observation.wrench"][name] for own in stats]
+    (folder / "meta" / "episodes" / "chunk-000").mkdir(parents=True)
+    pq.write_table(pa.table(of_episodes), folder / "meta" / "episodes" / "chunk-000" / "file-000.parquet")
+    pd.DataFrame({"task_index": [0]}, index=["swing"]).to_parquet(folder / "meta" / "tasks.parquet")
+    wrenches = np.concatenate([table["observation.wrench"].to_pylist() for table in tables])
+    whole = {"observation.wrench": lerobot_statistics(wrenches)}
+    (folder / "meta" / "stats.json").write_text(json.dumps(whole), encoding="utf-8")
     return folder
+
+
+def lerobot_statistics(values: Array) -> dict[str, list[float]]:
+    """Of a feature's rows (n, k), as a data set of version 2.1 or 3.0 states them."""
+    rows = {name: getattr(values, name)(axis=0).tolist() for name in ("min", "max", "mean", "std")}
+    return rows | {"count": [len(values)]}
 
 
 def write_messages(writer: Any, store: Any, messages: Any) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from estimation.contact.contact_wrench import ContactWrench, compensate
 from estimation.reading.log_reading import read_with_rig
+from estimation.recordings.recording import Recording
 from modeling.chain.sensor_axes import Axes, sensor_to_pose
 from modeling.errors import InputError
 from modeling.number_format import finite
@@ -40,38 +41,92 @@ def run(arguments: argparse.Namespace) -> None:
     if arguments.with_budget and saved.budget is None:
         remedy = "write it with `truewrench fit --budget FILE --out`"
         raise InputError(what="the model file has no budget", where=arguments.model, remedy=remedy)
-    budget = saved.budget if arguments.with_budget else None
+    if arguments.lerobot is not None:
+        compensate_data_set(arguments, saved)
+        return
     recording = read_with_rig(arguments.recording, rig=saved.rig, every_row=True)
     with progress_line() as progress:
         progress("compensate")
-        contact = compensate(
-            saved.calibration if budget is None else budget.calibration,
-            recording,
-            keep_zero=arguments.keep_zero,
-            tip_length=arguments.tip_length,
-            false_alarms=arguments.false_alarms,
-            axes=arguments.axes,
-            lag=arguments.lag,
-        )
-
-    def written() -> list[Path]:
-        if arguments.out is not None:
-            with atomic_write(arguments.out) as path:
-                contact_table(contact).to_csv(path, index=False, float_format="%.9g")
-        if arguments.mcap is not None:
-            from truewrench.files.wrench_bag import write_wrench_bag  # with the library of bags
-
-            with atomic_write(arguments.mcap) as path:
-                write_wrench_bag(contact, path)
-        return result_files(arguments)
-
-    of_contact = None if budget is None else budget.of_contact(contact)
+        contact = compensated(arguments, saved, recording)
+    of_contact = saved.budget.of_contact(contact) if saved.budget is not None and arguments.with_budget else None
     print_result(
         arguments,
         lambda: contact_text(contact) + ("" if of_contact is None else f"\n\nBudget:\n{of_contact}"),
         lambda: contact_data(contact) | ({} if of_contact is None else {"budget": of_contact.to_data()}),
-        written,
+        lambda: written(arguments, contact),
     )
+
+
+def compensated(arguments: argparse.Namespace, saved: ModelFile, recording: Recording) -> ContactWrench:
+    """The contact wrench of a recording, as the options ask for; its std with the budget's, where that is asked for."""
+    budget = saved.budget if arguments.with_budget else None
+    return compensate(
+        saved.calibration if budget is None else budget.calibration,
+        recording,
+        keep_zero=arguments.keep_zero,
+        tip_length=arguments.tip_length,
+        false_alarms=arguments.false_alarms,
+        axes=arguments.axes,
+        lag=arguments.lag,
+    )
+
+
+def written(arguments: argparse.Namespace, contact: ContactWrench) -> list[Path]:
+    """Write the files of one recording; return them."""
+    if arguments.out is not None:
+        with atomic_write(arguments.out) as path:
+            contact_table(contact).to_csv(path, index=False, float_format="%.9g")
+    if arguments.mcap is not None:
+        from truewrench.files.wrench_bag import write_wrench_bag  # with the library of bags
+
+        with atomic_write(arguments.mcap) as path:
+            write_wrench_bag(contact, path)
+    return result_files(arguments)
+
+
+def compensate_data_set(arguments: argparse.Namespace, saved: ModelFile) -> None:
+    """Compute the contact wrenches of one episode, or of all of a data set, and write them as its features.
+
+    An episode of many that cannot be compensated is named, and left without. Raises InputError where none can, and for
+    files of a single recording where several are asked for.
+    """
+    from truewrench.files.lerobot_data_set import episodes_asked_for, read_episode, require_place, write_features
+
+    require_place(arguments.lerobot, arguments.recording)
+    episodes = episodes_asked_for(arguments.recording)
+    if len(episodes) > 1 and result_files(arguments):
+        remedy = f"give one episode, such as {episodes[0]}"
+        raise InputError(what="--out and --mcap are of one recording", where=arguments.recording, remedy=remedy)
+    contacts: dict[Path, ContactWrench] = {}
+    with progress_line() as progress:
+        for number, episode in enumerate(episodes, 1):
+            progress(f"compensate {number} of {len(episodes)}")
+            try:
+                contacts[episode] = compensated(arguments, saved, read_episode(episode, saved.rig))
+            except InputError as error:
+                if len(episodes) == 1:
+                    raise
+                say(f"warning: left without a contact wrench: {error}")
+    if not contacts:
+        remedy = f"see what is said of one: `truewrench compensate {arguments.model} {episodes[0]}`"
+        raise InputError(what="no episode can be compensated", where=arguments.recording, remedy=remedy)
+    without: list[int] = []
+
+    def all_written() -> list[Path]:
+        files = written(arguments, next(iter(contacts.values()))) if len(contacts) == 1 else []
+        without.append(write_features(contacts, arguments.lerobot))
+        return [*files, arguments.lerobot]
+
+    def text() -> str:
+        parts = [f"{contact.recording.name}:\n{contact_text(contact)}" for contact in contacts.values()]
+        if any(without):
+            parts.append(f"Episodes of {arguments.lerobot} without a contact wrench, NaN there: {without[0]}.")
+        return "\n\n".join(parts)
+
+    def data() -> dict[str, Any]:
+        return {"episodes": [contact_data(contact) for contact in contacts.values()]}
+
+    print_result(arguments, text, data, all_written)
 
 
 def contact_table(contact: ContactWrench) -> pd.DataFrame:

@@ -5,11 +5,14 @@ from __future__ import annotations
 import argparse
 import shlex
 from collections.abc import Mapping
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
+from estimation.case import Case
+from estimation.fit import fit_case
 from estimation.reading.log_reader import Array
 from estimation.reading.log_reading import imported
 from estimation.recordings.column_table import arrow
@@ -19,6 +22,8 @@ from modeling.rig import Rig
 from truewrench.commands.results import print_result
 from truewrench.files.case_files import imported_frames
 from truewrench.files.output import atomic_write, progress_line
+from truewrench.text.fit_summary import FitSummary
+from truewrench.text.tool_text import tool_text
 
 PICTURES = (".png", ".svg", ".pdf")
 """Suffixes of the pictures that --plot draws."""
@@ -32,6 +37,9 @@ WRITTEN = (".csv", ".parquet", ".pq")
 """Suffixes of the recordings that --out writes."""
 LONGEST_CHECKED = 2_000_000
 """Samples up to which the recording is also made, as `diagnose` will make it; more would be in memory twice."""
+LONGEST_FITTED = 50_000
+"""Samples up to which a rigid tool is fitted for first estimates, in some tenths of a second; of more the weight alone
+tells a mass."""
 
 
 def _require_known_suffix(out: Path) -> None:
@@ -67,6 +75,7 @@ def run(arguments: argparse.Namespace) -> None:
         _require_picture(arguments.plot)
     rig = None if arguments.rig is None else Rig.read(arguments.rig)
     frames: dict[str, Any] = {"frames": [], "readings": []}
+    estimates: tuple[str, dict[str, Any]] = ("", {})
     with progress_line() as progress:
         progress("read" if arguments.out is not None else "read for a report alone, as there is no --out REC")
         log = imported(
@@ -80,7 +89,11 @@ def run(arguments: argparse.Namespace) -> None:
             clock_offset=arguments.clock_offset,
         )
         if (rig is not None or "q1" not in log.columns) and log.report.samples < LONGEST_CHECKED:
-            frames = imported_frames(log.recording(rig))  # whatever could not be diagnosed is said now
+            short = log.report.samples <= LONGEST_FITTED
+            frames, case = imported_frames(log.recording(rig), detailed=not short)  # what is undecided is said now
+            if short and case is not None and not case.misread:
+                progress("first estimates")
+                estimates = first_estimates(case)
 
     def written() -> list[Path]:
         with progress_line() as progress:
@@ -95,8 +108,8 @@ def run(arguments: argparse.Namespace) -> None:
 
     print_result(
         arguments,
-        lambda: "\n\n".join([str(log.report), *frames["frames"]]),
-        lambda: log.report.to_data() | frames,
+        lambda: "\n\n".join(filter(None, [str(log.report), *frames["frames"], estimates[0]])),
+        lambda: log.report.to_data() | frames | {"first_estimates": estimates[1] or None},
         written,
     )
     if arguments.json:
@@ -105,6 +118,23 @@ def run(arguments: argparse.Namespace) -> None:
         print("\nNothing is written without --out REC.")
     if arguments.out is not None:
         print(f"Next: {next_command(arguments.out, arguments.rig, joints='q1' in log.columns)}")
+
+
+def first_estimates(case: Case) -> tuple[str, dict[str, Any]]:
+    """Mass and centre of mass of a rigid tool with std, as text and as data; neither where it cannot be fitted."""
+    try:
+        fitted = fit_case(case)
+        summary = FitSummary(fitted, fitted.intervals())
+        unknown, misfitting = summary.unknown_tool, bool(summary.misfitting)
+    except InputError:
+        return "", {}
+    text = tool_text(fitted, misfitting=misfitting, unknown=unknown)
+    parameters = {
+        name: {"value": estimate.value, "std": estimate.std if isfinite(estimate.std) else None, "unit": estimate.unit}
+        for name, estimate in fitted.parameters.items()
+    }
+    data = {"fits": not misfitting, "tool_unknown": unknown or None, "parameters": parameters}
+    return (f"First estimates, of a rigid tool. {text}" if text else ""), data
 
 
 def next_command(recording: Path, rig: str | None, *, joints: bool) -> str:

@@ -237,10 +237,11 @@ def _decided(identity: str, value: Any, sentence: str, statement: str) -> dict[s
     return adopted.to_data() | {"sentence": sentence}
 
 
-def imported_frames(recording: Recording) -> dict[str, Any]:
+def imported_frames(recording: Recording, *, detailed: bool = True) -> tuple[dict[str, Any], Case | None]:
     """Frames of an imported recording's columns, the readings that are shown, and the sign convention, as data.
 
-    They are as `fit` will take the recording.
+    They are as `fit` will take the recording, in the case that is the other element; None where nothing decides.
+    `detailed` adds what the weight alone shows.
     """
     rig = recording.rig or Rig()
     stated = rig.sensor.convention if rig.sensor.convention in MEANINGS else None
@@ -265,8 +266,6 @@ def imported_frames(recording: Recording) -> dict[str, Any]:
         return {
             "frames": [axes, *(doubted.sentence for doubted in of_log), *(sign or [undecided]), *doubts],
             "readings": [doubted.to_data() for doubted in of_log],
-        }
-    return {
-        "frames": [axes, *frame_sentences(case, detailed=True), *sign],
-        "readings": readings_data(case),
-    }
+        }, None
+    frames = [axes, *frame_sentences(case, detailed=detailed), *sign]
+    return {"frames": frames, "readings": readings_data(case)}, case

@@ -14,7 +14,6 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from estimation.contact.contact_wrench import ContactWrench
-from estimation.model_response import predicted_readings
 from modeling.errors import InputError
 from modeling.space import Space
 from truewrench.effect_description.effect_size import change_of_readings
@@ -74,7 +73,7 @@ def wrench_topics(contact: ContactWrench) -> dict[str, Array]:
     values = {p.name: float(value) for p, value in zip(fitted.model.parameters, fitted.theta, strict=True)}
     return {
         "/truewrench/measured": recording.wrench,
-        "/truewrench/predicted": predicted_readings(fitted.model, recording, fitted.theta) + contact.zero_shift,
+        "/truewrench/predicted": contact.predicted,
         "/truewrench/contact": contact.wrench,
         "/truewrench/contact_std": contact.std,
     } | {

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import mujoco
 import numpy as np
@@ -18,15 +17,17 @@ from numpy.typing import NDArray
 from ruamel.yaml import YAML
 from scipy.spatial.transform import Rotation
 
+from benchmarks.exports import FITTED, READERS, as_urdf, bodies, outcome, table
 from estimation.least_squares.estimates import Estimate
 from modeling.chain.model import WrenchModel, planar, spatial
 from modeling.codegen.payload_format import FORMATS, payload_format
-from modeling.codegen.tool_inertia import ToolInertia
+from modeling.codegen.tool_inertia import SMALLEST_MOMENT, THINNEST, ToolInertia
 from modeling.effects import named
 from modeling.errors import InputError
 from modeling.noise import NoiseSource
 from modeling.rig import Convention
 from tests.shared.emitted import module
+from tests.shared.places import DATA, needs
 from tests.shared.rigs import FULL_INERTIA
 from truewrench.command_line import main
 from truewrench.emitted import emit
@@ -153,20 +154,6 @@ def by_pinocchio(text: str, motion: Motion) -> Array:
     q = np.concatenate([np.zeros(3), motion.turn.as_quat()])
     v, a = np.concatenate([np.zeros(3), motion.omega]), np.concatenate([motion.acceleration, motion.alpha])
     return np.asarray(pinocchio.rnea(model, model.createData(), q, v, a))
-
-
-def as_urdf(sdf: str) -> str:
-    """A URDF of what an SDF says, element by element."""
-    inertial = ElementTree.fromstring(sdf).find("model/link/inertial")
-    assert inertial is not None
-    pose = (inertial.findtext("pose") or "").split()
-    moments = inertial.find("inertia")
-    assert moments is not None
-    values = " ".join(f'{e.tag}="{e.text}"' for e in moments)
-    place = f'<origin xyz="{" ".join(pose[:3])}" rpy="{" ".join(pose[3:])}"/>'
-    mass = f'<mass value="{inertial.findtext("mass")}"/>'
-    link = f'<link name="l"><inertial>{place}{mass}<inertia {values}/></inertial></link>'
-    return f'<robot name="r">{link}</robot>'
 
 
 FELT: dict[str, Callable[[str, Motion], Array]] = {
@@ -363,15 +350,85 @@ def test_mass_and_centre_do_without_inertia(tmp_path: Path) -> None:
     assert json.loads(path.read_text())["format"] == "truewrench model"
 
 
+def test_every_export_loads_or_is_refused() -> None:
+    """A file that loads has the numbers that were written; of each tool six formats are emitted in two frames."""
+    for (kind, members), (_, row) in zip(bodies().items(), table(fits=False).iterrows(), strict=True):
+        files, refused = 12 * len(members), int(row["refused by emit"])
+        assert row["SDF as URDF"] + row["MuJoCo, MJCF"] + row["Pinocchio, URDF"] + row["controllers"] + refused == files
+        assert len({int(row[reader]) for reader in READERS[:5]}) == 1, kind
+        assert row["controllers"] == files / 2
+        if kind in ("thin rods", "thin plates", "point masses"):
+            assert refused == files / 2
+        if kind in ("1 µg to 1 t", "random"):
+            assert refused == 0
+
+
+@pytest.mark.long
+def test_every_physical_fit_loads() -> None:
+    """Also of rods, plates and points: the margin of `--physical` is a million times what rounding needs."""
+    rows = table()
+    physical = [name for name in rows.index if "--physical" in name]
+    assert len(physical) == len(FITTED)
+    assert not rows.loc[physical, "refused by emit"].any()
+
+
+@needs(DATA / "workshop_tools")
+@pytest.mark.parametrize(
+    "name",
+    [
+        "Rubber_Mallet",  # the margin is what keeps it possible
+        *(
+            pytest.param(tool.name, marks=pytest.mark.long)
+            for tool in sorted((DATA / "workshop_tools").glob("*/"))
+            if tool.name not in ("Rubber_Mallet", "File")  # a file of 20 g: the sign of its weight is not decided
+        ),
+    ],
+)
+def test_workshop_tools_load(name: str, tmp_path: Path) -> None:
+    tool, path = DATA / "workshop_tools" / name, tmp_path / "model.json"
+    arguments = [str(tool / "run.csv"), "--rig", str(tool / "rig.toml"), "--physical", "--out", str(path)]
+    assert main(["fit", *arguments]) == 0
+    for pose in (None, POSE):
+        count = outcome(ModelFile.read(path), pose)
+        assert not count["refused by emit"]
+        assert [count[reader] for reader in READERS] == [1, 1, 1, 1, 1, 3]
+
+
+def test_the_limits_of_a_solid_are_those_of_the_simulator() -> None:
+    """Random second moments from far below to far above: what is written loads, whatever its axes and size."""
+    counts = {True: 0, False: 0}
+    for seed in range(300):
+        rng = np.random.default_rng(seed)
+        turn, size = Rotation.random(rng=rng).as_matrix(), 10.0 ** rng.uniform(-16, 2)
+        second = size * turn @ np.diag([1.0, *10.0 ** rng.uniform(-20, 0, 2)]) @ turn.T
+        inertia, none = np.trace(second) * np.eye(3) - second, np.zeros((0, 3, 3))
+        tool = ToolInertia(
+            mass=1.0, mass_std=0.0, centre_of_mass=np.zeros(3), inertia=inertia,
+            centre_modes=none[:, 0], inertia_modes=none,
+        )  # fmt: skip
+        moments = np.linalg.eigvalsh(inertia)
+        thickness = moments.sum() / 2 - moments[-1]
+        solid = thickness >= THINNEST * moments.sum() / 2 and moments[0] >= SMALLEST_MOMENT
+        counts[solid] += 1
+        if solid:
+            mujoco.MjModel.from_xml_string(payload_format("mjcf").text(tool, ""))
+        else:
+            with pytest.raises(InputError, match="for simulators, which refuse"):
+                payload_format("mjcf").text(tool, "")
+    assert min(counts.values()) > 50
+
+
 def test_boundary_of_consistency_is_possible() -> None:
-    """A tool of masses on one line has no second moment across, but for rounding."""
-    line = np.array([0.01, 0.02, 0.03])
-    values = theta().copy()
-    values[6:10] = [2.0, *(0.0 * line)]
-    values[10:] = (2 * (line @ line * np.eye(3) - np.outer(line, line)))[np.triu_indices(3)]
-    values[10] -= 1e-14
-    tool = ToolInertia.of(model_file(values).model, values, np.eye(len(values)))
-    assert tool.inertia is not None
+    """Masses on one line through the sensor, or in a point beside it, have no second moment but for rounding."""
+    for kind, shape in (("thin rods", "a line"), ("thin plates", "flat"), ("point masses", "a point")):
+        for masses_, places in bodies()[kind]:
+            inertia = sum(m * (p @ p * np.eye(3) - np.outer(p, p)) for m, p in zip(masses_, places, strict=True))
+            values = theta().copy()
+            values[6:] = [masses_.sum(), *(masses_ @ places), *np.asarray(inertia)[np.triu_indices(3)]]
+            tool = ToolInertia.of(model_file(values).model, values, np.eye(len(values)))
+            assert tool.inertia is not None
+            with pytest.raises(InputError, match=f"a tool that is {shape}: principal moments"):
+                tool.solid_inertia("urdf")
 
 
 def test_stds_are_the_scatter_of_tools_drawn_from_the_covariance() -> None:

@@ -12,7 +12,9 @@ import pandas as pd
 import pytest
 
 import truewrench as tw
+from estimation.reading.data_files import CONTACT, CONTACT_STD, PREDICTION
 from modeling.rig import Convention
+from tests.shared.log_files import DRAG, lerobot_data_set, lerobot_statistics, original
 from truewrench.command_line import main
 from truewrench.simulated_rig import ContactEvent, PlanarRig, SpatialRig, ViscousDrag, simulate, write_recording
 
@@ -328,3 +330,180 @@ def test_a_budget_that_cannot_be_is_one_line(
     assert out == ""
     assert said in err
     assert err.count("\n") == 1
+
+
+@pytest.fixture(scope="module")
+def drag(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A model of the run of `original`, with its drag."""
+    path = tmp_path_factory.mktemp("drag") / "model.json"
+    recording = tw.from_dataframe(original().iloc[:1000], one_run=True)
+    tw.save(tw.fit(tw.spatial() + tw.effects.viscous_drag(), recording), path)
+    return path
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def rows_of(folder: Path) -> pd.DataFrame:
+    """All rows of a data set, by pandas."""
+    return pd.concat([pd.read_parquet(path) for path in sorted(folder.glob("data/**/*.parquet"))], ignore_index=True)
+
+
+def statistics_of(folder: Path, episode: int) -> dict[str, Any]:
+    """What a data set states of the contact wrench in an episode, in either version; empty for nothing."""
+    lines = folder / "meta" / "episodes_stats.jsonl"
+    if lines.is_file():
+        stated = [json.loads(line) for line in lines.read_text(encoding="utf-8").splitlines()]
+        found: dict[str, Any] = stated[episode]["stats"].get(CONTACT, {})
+        return found
+    row = pd.read_parquet(folder / "meta" / "episodes" / "chunk-000" / "file-000.parquet").iloc[episode]
+    names = {name.rsplit("/", 1)[1]: row[name] for name in row.index if name.startswith(f"stats/{CONTACT}/")}
+    return {name: list(value) for name, value in names.items() if value is not None}
+
+
+@pytest.mark.parametrize("version", ["v2.1", "v3.0"])
+def test_a_data_set_gets_the_contact_wrench_as_features(
+    version: str, drag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Of the second of three episodes, whose others have no force; read back by pandas and PyArrow."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    frame = original().iloc[:1000]
+    data_set = lerobot_data_set(frame, tmp_path / "in", version, episodes=3)
+    out, table = tmp_path / "out", tmp_path / "contact.csv"
+    before = contents(data_set)
+    assert main(["compensate", str(drag), str(data_set), "--lerobot", str(out)]) == 0
+    printed = capsys.readouterr()
+    assert printed.err.count("warning: left without a contact wrench: ") == 2
+    assert f"Episodes of {out} without a contact wrench, NaN there: 2." in " ".join(printed.out.split())
+    assert contents(data_set) == before
+    assert main(["compensate", str(drag), str(data_set / "episode_000001"), "--out", str(table)]) == 0
+    contact = pd.read_csv(table)[["fcx", "fcy", "fcz", "tcx", "tcy", "tcz"]].to_numpy()
+    rows, plain = rows_of(out), rows_of(data_set)
+    pd.testing.assert_frame_equal(rows[plain.columns.tolist()], plain)
+    values = np.stack(rows[CONTACT].to_list())
+    assert np.isnan(values[:1000]).all()
+    assert np.isnan(values[2000:]).all()
+    np.testing.assert_allclose(values[1000:2000], contact, rtol=2e-7, atol=1e-7)  # single precision, nine digits
+    std, prediction = (np.stack(rows[name].to_list())[1000:2000] for name in (CONTACT_STD, PREDICTION))
+    assert (std > 0).all()
+    model = tw.load(drag).model
+    sign = 1.0 if model.convention is Convention.ON_SENSOR else -1.0
+    np.testing.assert_allclose(sign * (frame[list(model.channels)] - prediction), contact, rtol=0, atol=2e-5)
+    for path in out.glob("data/**/*.parquet"):
+        assert pq.read_schema(path).field(CONTACT).type == pa.list_(pa.float32(), 6)
+    info = json.loads((out / "meta" / "info.json").read_text(encoding="utf-8"))
+    assert info["features"][CONTACT] == {
+        "dtype": "float32", "shape": [6], "names": ["fcx", "fcy", "fcz", "tcx", "tcy", "tcz"]
+    }  # fmt: skip
+    assert info["features"][PREDICTION]["names"] == list(model.channels)
+    expected = lerobot_statistics(values[1000:2000].astype(float))
+    stated = [statistics_of(out, 1), *([] if version == "v2.1" else [whole_statistics(out)])]
+    for statistics in stated:
+        assert set(statistics) == set(expected)
+        for name, numbers in expected.items():
+            np.testing.assert_allclose(statistics[name], numbers, rtol=1e-12)
+    assert statistics_of(out, 0) == {}
+    # in its own place: the same again, and what reads it takes none of it for the sensor's
+    after = contents(out)
+    assert main(["compensate", str(drag), str(out / "episode_000001"), "--lerobot", str(out)]) == 0
+    assert contents(out) == after
+    np.testing.assert_allclose(tw.read(out / "episode_000001").wrench, frame[list(model.channels)], atol=1e-12)
+
+
+def whole_statistics(folder: Path) -> dict[str, Any]:
+    stats: dict[str, Any] = json.loads((folder / "meta" / "stats.json").read_text(encoding="utf-8"))[CONTACT]
+    return stats
+
+
+def test_rows_that_were_left_out_have_no_contact_wrench(drag: Path, tmp_path: Path) -> None:
+    """Each sample goes back to the row that it was, though rows before it are missing."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    frame = original().iloc[:1000]
+    data_set, out = lerobot_data_set(frame, tmp_path / "in", "v2.1"), tmp_path / "out"
+    (path,) = data_set.glob("data/**/*.parquet")
+    whole = pq.read_table(path)
+    wrench: list[Any] = whole["observation.wrench"].to_pylist()
+    wrench[100:140] = [None] * 40  # a gap that is too long to be filled: what is before it is left out
+    place = whole.column_names.index("observation.wrench")
+    pq.write_table(whole.set_column(place, "observation.wrench", pa.array(wrench, pa.list_(pa.float64(), 6))), path)
+    assert main(["compensate", str(drag), str(data_set), "--lerobot", str(out)]) == 0
+    values = np.stack(rows_of(out)[CONTACT].to_list())
+    assert np.isnan(values[:140]).all()
+    prediction = np.stack(rows_of(out)[PREDICTION].to_list())
+    model = tw.load(drag).model
+    sign = 1.0 if model.convention is Convention.ON_SENSOR else -1.0
+    measured = frame[list(model.channels)].to_numpy()
+    np.testing.assert_allclose(sign * (measured - prediction)[140:], values[140:], rtol=0, atol=2e-5)
+
+
+@pytest.mark.parametrize(
+    ("recording", "out", "said"),
+    [
+        ("in/episode_000000", "in/data", "is inside the data set"),
+        ("in/episode_000000", "there", "is there already; give a new folder, or the data set itself"),
+        ("run.csv", "out", "no LeRobot data set"),
+        ("in/episode_000007", "out", "there is no episode 7"),
+    ],
+)
+def test_a_data_set_that_cannot_be_written_is_one_line(
+    recording: str, out: str, said: str, drag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data_set = lerobot_data_set(original().iloc[:200], tmp_path / "in", "v3.0")
+    (tmp_path / "there").mkdir()
+    original().iloc[:200].to_csv(tmp_path / "run.csv", index=False)
+    before = contents(data_set)
+    assert main(["compensate", str(drag), str(tmp_path / recording), "--lerobot", str(tmp_path / out)]) == 2
+    printed = capsys.readouterr()
+    assert said in printed.err
+    assert printed.err.count("\n") == 1
+    assert contents(data_set) == before
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["in", "run.csv", "there"]
+
+
+def test_a_feature_of_another_shape_is_not_written_over(
+    drag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    data_set = lerobot_data_set(original().iloc[:1000], tmp_path / "in", "v3.0")
+    (path,) = data_set.glob("data/**/*.parquet")
+    table = pq.read_table(path)
+    pq.write_table(table.append_column(CONTACT, pa.array([[0.0] * 3] * len(table), pa.list_(pa.float32()))), path)
+    before = contents(data_set)
+    assert main(["compensate", str(drag), str(data_set), "--lerobot", str(data_set)]) == 2
+    assert f"the feature {CONTACT} is there with another shape than (6,)" in capsys.readouterr().err
+    assert contents(data_set) == before
+
+
+@pytest.mark.parametrize("text", ["{", "[]\n", '{"episode_index": 0}\n', '{"episode_index": 0, "stats": {"a": 3}}\n'])
+def test_broken_statistics_are_one_line(
+    text: str, drag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data_set = lerobot_data_set(original().iloc[:1000], tmp_path / "in", "v2.1")
+    (data_set / "meta" / "episodes_stats.jsonl").write_text(text, encoding="utf-8")
+    before = contents(data_set)
+    for out in (data_set, tmp_path / "out"):
+        assert main(["compensate", str(drag), str(data_set), "--lerobot", str(out)]) == 2
+        assert "its statistics are not those of a LeRobot data set" in capsys.readouterr().err
+        assert contents(data_set) == before
+        assert [path.name for path in tmp_path.iterdir()] == ["in"]
+
+
+@pytest.mark.parametrize(
+    "options", [("--only", "viscous_drag"), pytest.param((), marks=pytest.mark.long)], ids=["one effect", "all"]
+)
+def test_an_episode_leads_to_a_verdict_in_one_command(
+    options: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data_set = lerobot_data_set(original().iloc[:1000], tmp_path / "in", "v3.0", episodes=3)
+    assert main(["diagnose", str(data_set / "episode_000001"), *options, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["verdict"], found["added"]) == ("explained", ["viscous_drag"])
+    size = found["effects"][0]["parameters"]["c"]
+    assert abs(size["value"] - DRAG.c) < 4 * size["std"]
