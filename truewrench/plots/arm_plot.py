@@ -19,7 +19,7 @@ from design.limits import tip_path
 from design.trajectories.trajectory import Trajectory
 from modeling.kinematics.arm import Arm, PlanarArm, SpatialArm
 from modeling.number_format import format_number
-from modeling.rig import Capsule, HalfSpace, Workspace
+from modeling.rig import Capsule, HalfSpace, Limits, Workspace
 from truewrench.plots.style import FAINT, INK, MEASURED, MISFIT_COLOUR, NOISE, QUIET_NOISE, SMALL, panel_title
 
 Array = NDArray[np.float64]
@@ -81,12 +81,12 @@ class Approach:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ArmInMotion:
-    """An arm along a trajectory, with its workspace. position: limits (n, 2) of the joints; tip_length m."""
+    """An arm along a trajectory, with its limits and its workspace; tip_length m."""
 
     motion: Trajectory
     arm: Arm
     tip_length: float
-    position: Array
+    limits: Limits
     workspace: Workspace | None = None
 
     @cached_property
@@ -107,7 +107,7 @@ class ArmInMotion:
     @cached_property
     def clearances(self) -> Clearances | None:
         """What is asked for; None where nothing is."""
-        return clearances(self.workspace, self.arm, self.position)
+        return clearances(self.workspace, self.arm, self.limits.position)
 
     @cached_property
     def approach(self) -> Approach | None:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.signal import argrelmax
 
 from design.information.sample_information import SampleInformation
+from design.joint_torque import joint_torques
 from design.limits import LIMITED_DERIVATIVES, LimitedQuantity, LimitUse, tip_path, workspace_sides
 from design.trajectories.trajectory import Trajectory
 from modeling.kinematics.arm import Arm, PlanarArm
@@ -206,6 +207,8 @@ def limited_values(motion: Trajectory, moved: ArmInMotion | None, quantity: str,
     """(N, S) at the times (N,), in the order of its limited quantities; None of a quantity that is not known here."""
     if quantity in LIMITED_DERIVATIVES:
         return motion.derivative(time, list(LIMITED_DERIVATIVES).index(quantity))
+    if moved is not None and quantity == "torque" and (torques := joint_torques(moved.limits, moved.arm)) is not None:
+        return torques.values(*motion.evaluate(time))
     if moved is None or quantity != "workspace":
         return None
     index = [at for at, _ in workspace_sides(moved.workspace, moved.arm).values()]
@@ -293,9 +296,7 @@ def trajectory_figure(
     use = LimitUse.of(motion, limits, workspace, arm, tip_length)
     moved = None
     if arm is not None:
-        moved = ArmInMotion(
-            motion=motion, arm=arm, tip_length=tip_length or 0.0, position=limits.position, workspace=workspace
-        )
+        moved = ArmInMotion(motion=motion, arm=arm, tip_length=tip_length or 0.0, limits=limits, workspace=workspace)
     counts = {name: len(limits_of_quantity(use, name)) for name in use.by_quantity}
     if "clearance" in counts:
         counts["clearance"] = SHOWN_CLEARANCES

@@ -116,7 +116,7 @@ def carrying_capsules() -> tuple[ArmInMotion, Limits]:
     bounds = limits(ELBOW.joints)
     series = FreeSeries(joints=ELBOW.joints, harmonics=(1, 2, 3), period=4.0)
     motion = random_feasible_trajectory(series, bounds, arm=ELBOW, tip_length=0.2, seed=1)
-    moved = ArmInMotion(motion=motion, arm=ELBOW, tip_length=0.2, position=bounds.position, workspace=workspace)
+    moved = ArmInMotion(motion=motion, arm=ELBOW, tip_length=0.2, limits=bounds, workspace=workspace)
     return moved, bounds
 
 
