@@ -14,16 +14,17 @@ from scipy.spatial.transform import Rotation
 from estimation.monitor import RATE_TOLERANCE, Monitor
 from modeling.chain.model import WrenchModel
 from modeling.chain.sensor_axes import Axes, is_turned, sensor_to_pose, turn_words
-from modeling.codegen.code_target import code_target, target_names
+from modeling.codegen.code_target import CodeTarget, code_target, target_names
 from modeling.codegen.fitted_model import FittedModel
-from modeling.codegen.generated_code import GeneratedCode
 from modeling.codegen.payload_format import FORMATS, payload_format
 from modeling.codegen.rigid_tool_regressor import RigidToolRegressor
 from modeling.codegen.template import CTarget
 from modeling.codegen.tool_inertia import ToolInertia
+from modeling.compiled.straight_line_program import OperationCount, StraightLineProgram
 from modeling.errors import InputError, suggestion
 from modeling.number_format import as_sentence
 from modeling.space import Space
+from modeling.table import Column, Table
 from truewrench.files.case_files import MEANINGS
 from truewrench.files.model_file import ModelFile, as_model_file
 
@@ -225,3 +226,42 @@ def _model_file(model: Fitted | str | Path) -> ModelFile:
         remedy = "give planar, spatial, or the path of a model file"
         raise InputError(what="neither a base model nor a model file", where=str(model) or "MODEL", remedy=remedy)
     return ModelFile.read(model)
+
+
+@dataclass(frozen=True)
+class GeneratedCode:
+    """The text, and operations per sample: by name, with common subexpressions shared and without."""
+
+    text: str
+    costs: tuple[tuple[str, OperationCount, OperationCount], ...]
+
+    @classmethod
+    def of_base(cls, base: RigidToolRegressor, target: CodeTarget, source: str) -> GeneratedCode:
+        """The regressor of the rigid tool; `source` names the project and its version."""
+        return cls(target.regressor(base, source), (operation_cost("regressor", base.program),))
+
+    @classmethod
+    def of_fitted(cls, fitted: FittedModel, target: CodeTarget, source: str) -> GeneratedCode:
+        """Prediction, compensation and derivative of a fitted model; InputError as from `CodeTarget.model`."""
+        text = target.model(fitted, source)
+        if not target.sampled:
+            return cls(text, (operation_cost("load and bias", fitted.reading),))
+        shared, unshared = (fitted.program.operations(shared=shared) for shared in (True, False))
+        derivative = fitted.sensitivity
+        costs = [] if derivative is None else [operation_cost(fitted.derivative_name, derivative)]
+        return cls(text, (("prediction", shared, unshared), *costs))
+
+    @property
+    def table(self) -> Table:
+        """Operations per sample, with common subexpressions shared and without."""
+        counts = []
+        for name, shared, unshared in self.costs:
+            counts += [(name, shared)] + [(f"{name}, without shared subexpressions", unshared)] * (unshared != shared)
+        rows = [(name, c.total, c.sums, c.products, c.quotients, c.calls) for name, c in counts]
+        numbers = (Column(name, format="d") for name in ("all", "+ -", "*", "/", "functions"))
+        return Table.of(("operations per sample", *numbers), rows)
+
+
+def operation_cost(name: str, program: StraightLineProgram) -> tuple[str, OperationCount, OperationCount]:
+    """A program's operations under a name: shared, unshared."""
+    return name, program.shared.operations, program.operations_unshared

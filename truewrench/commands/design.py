@@ -26,8 +26,7 @@ from modeling.errors import InputError
 from modeling.kinematics.arm import SpatialArm
 from modeling.kinematics.placement import JointKind
 from modeling.rig import Convention, Rig
-from truewrench.commands.design_next import NextQuestion
-from truewrench.commands.design_request import DesignRequest, plot_path
+from truewrench.commands.design_request import DesignRequest, NextQuestion, plot_path
 from truewrench.commands.results import print_result
 from truewrench.files.effects_file import read_effects
 from truewrench.files.output import atomic_write, progress_line, say

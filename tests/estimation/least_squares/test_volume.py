@@ -17,7 +17,7 @@ from modeling.chain.pseudo_inertia import CONSISTENCY_MARGIN, Volume
 from modeling.errors import InputError
 from tests.estimation.least_squares.test_constrained import POINTS, problem
 from truewrench.command_line import main
-from truewrench.files.volume_file import read_volume
+from truewrench.commands.fit import read_volume
 from truewrench.simulated_rig import SpatialRig, static_poses, write_recording
 
 Array = NDArray[np.float64]

@@ -20,13 +20,12 @@ from scipy.spatial.transform import Rotation
 from modeling.chain.model import WrenchModel
 from modeling.chain.prediction import compiled_prediction
 from modeling.codegen.code_target import CodeTarget, code_target, target_names
-from modeling.codegen.generated_code import GeneratedCode
 from modeling.codegen.rigid_tool_regressor import RigidToolRegressor
 from modeling.compiled.straight_line_program import OperationCount, StraightLineProgram
 from modeling.space import Space
 from tests.shared.emitted import Library, balanced, module, pointer
 from truewrench.command_line import main
-from truewrench.emitted import BASES
+from truewrench.emitted import BASES, GeneratedCode
 
 Array = NDArray[np.float64]
 
@@ -282,7 +281,7 @@ def test_the_balance_is_no_formality(broken: str) -> None:
 HASHED = """
 from modeling.codegen.rigid_tool_regressor import RigidToolRegressor
 from modeling.codegen.code_target import CodeTarget, code_target, target_names
-from modeling.codegen.generated_code import GeneratedCode
+from truewrench.emitted import GeneratedCode
 from modeling.codegen.fitted_model import FittedModel
 from modeling.chain.model import planar
 from modeling.space import Space
