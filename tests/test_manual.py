@@ -129,12 +129,18 @@ def test_cells_are_python(page: Path) -> None:
 
 def test_the_rig_file_of_the_formats_is_one() -> None:
     text = (DOCS / "guide" / "file_formats.md").read_text(encoding="utf-8")
-    rig, capsules, stated = re.findall(r"^```toml\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
+    rig, capsules, torques, stated = re.findall(r"^```toml\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
     assert Rig.from_data(tomllib.loads(rig)).link_lengths == (1.0, 0.97, 0.4)
     arm = {"robot": {"urdf": str(URDF / "elbow.urdf"), "sensor_frame": "tool0"}}
     workspace = Rig.from_data(arm | tomllib.loads(capsules)).workspace
     assert workspace is not None
     assert [capsule.joint for capsule in workspace.capsules] == [6]
+    tables = tomllib.loads(torques)
+    tables["limits"] |= {"position": [2.0] * 6, "velocity": [1.0] * 6, "acceleration": [2.0] * 6}
+    limits = Rig.from_data(arm | tables).limits
+    assert limits is not None
+    assert limits.torque is not None
+    assert limits.torque.allowed[:, 1].tolist() == [150, 150, 150, 28, 28, 28]
     assert len(Statement.of(tomllib.loads(stated), "budget").contributions) == 3
 
 
