@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from math import inf, isfinite
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import scipy.linalg
@@ -22,7 +22,7 @@ from scipy.optimize import OptimizeResult, linprog
 from estimation.fit import Fit
 from estimation.noise.transient_windows import inside, samples_of
 from modeling.chain.regressor import regressor_basis
-from modeling.errors import InputError, quoted, suggestion
+from modeling.errors import InputError, kind_of, quoted, suggestion
 from modeling.number_format import plain_number
 from modeling.table import Column, Table, Tabular
 
@@ -157,6 +157,10 @@ def set_bounds(fitted: Fit, error: Mapping[str, float]) -> SetBounds:
     >>> bounds.feasible, bool(bounds.low[row] < 0.9 < bounds.high[row])
     (True, True)
     """
+    given: object = fitted
+    if not isinstance(given, Fit):
+        remedy = "give a fit of whole recordings first: tw.set_bounds(tw.fit(model, recording), ..)"
+        raise InputError(what=f"{kind_of(given)} has no readings to bound", where="set bounds", remedy=remedy)
     limits = _error_by_channel(fitted, error)
     if regressor_basis(fitted.model) is None:
         names = [effect.id for effect in fitted.model.effects if regressor_basis(fitted.model.base + effect) is None]
@@ -173,18 +177,21 @@ def set_bounds(fitted: Fit, error: Mapping[str, float]) -> SetBounds:
 
 
 def _error_by_channel(fitted: Fit, error: Mapping[str, float]) -> dict[str, float]:
-    channels = fitted.model.channels
+    channels, given = fitted.model.channels, cast("object", error)
+    if not isinstance(given, Mapping):
+        remedy = f"give that of {', '.join(channels)} by name"
+        raise InputError(what=f"{kind_of(given)} is no largest error by channel", where="error bound", remedy=remedy)
     for name in error:
         if name not in channels:
             what = f"no channel is called {quoted(name)}"
-            raise InputError(what=what, where="error bound", remedy=suggestion(name, channels, most=len(channels)))
+            raise InputError(what=what, where="error bound", remedy=suggestion(str(name), channels, most=len(channels)))
     missing = [name for name in channels if name not in error]
     if missing:
         what = f"no largest error of {', '.join(missing)}"
         raise InputError(what=what, where="error bound", remedy="state that of every channel, N and N m")
     for name, value in error.items():
-        if not (value > 0 and isfinite(value)):
-            what = f"{value:g} is no largest error of {name}"
+        if not (isinstance(cast("object", value), int | float | np.number) and 0 < value < inf):
+            what = f"{quoted(value)} is no largest error of {name}"
             raise InputError(what=what, where="error bound", remedy="state a number above zero")
     return {name: float(error[name]) for name in channels}
 

@@ -258,7 +258,7 @@ def test_what_no_refit_can_check_is_refused() -> None:
     assert budget(fit, entries)["m"].interval is not None
     with pytest.raises(InputError, match=r"contact_event.start is the time of an event"):
         budget(fit, entries, monte_carlo=50)
-    with pytest.raises(InputError, match="5 refits are too few or too many"):
+    with pytest.raises(InputError, match="'5' is no number of refits"):
         budget(fit, entries, monte_carlo=5)
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import cvxpy as cp
 import numpy as np
@@ -154,11 +155,14 @@ def test_a_model_that_is_not_linear_is_refused_by_the_effect_that_is_not() -> No
     [
         ({"fx": 0.5, "fy": 0.5}, "no largest error of tau"),
         ({"fx": 0.5, "fy": 0.5, "tz": 0.1, "tau": 1.0}, "no channel is called 'tz'"),
-        ({"fx": 0.5, "fy": -0.5, "tau": 1.0}, "-0.5 is no largest error of fy"),
-        ({"fx": 0.5, "fy": np.inf, "tau": 1.0}, "inf is no largest error of fy"),
+        ({"fx": 0.5, "fy": -0.5, "tau": 1.0}, "'-0.5' is no largest error of fy"),
+        ({"fx": 0.5, "fy": np.inf, "tau": 1.0}, "'inf' is no largest error of fy"),
+        ({"fx": 0.5, "fy": "0.5", "tau": 1.0}, "'0.5' is no largest error of fy"),
+        ({1: 0.5}, "no channel is called '1'"),
+        (0.5, "a float is no largest error by channel"),
     ],
 )
-def test_errors_that_are_none(error: dict[str, float], words: str) -> None:
+def test_errors_that_are_none(error: Any, words: str) -> None:
     with pytest.raises(InputError, match=words):
         set_bounds(fitted(Space.PLANE, 0), error)
 
