@@ -316,7 +316,7 @@ def _quantity(
             what = f"the fit estimates {one.quantity}, whose std is that of the noise"
             raise InputError(what=what, where=place, remedy="leave it out, or fix it by bounds")
         return None, _in_unit([parameter], one, place)
-    effect_id, _, wanted = one.quantity.partition(".")
+    effect_id, dot, wanted = one.quantity.partition(".")
     effect = _effect(effect_id, fit.model, custom, place)
     model = _with(fit.model, effect, place)
     effect = model.effects[-1]
@@ -329,7 +329,7 @@ def _quantity(
     if nuisance:
         what = f"{effect_id} has no derivative where it vanishes, as {nuisance[0].name} is open there"
         raise InputError(what=what, where=place, remedy="add it to the model (--add), which estimates it")
-    chosen = [p for p in free if wanted in ("", p.name.partition(".")[2])]
+    chosen = [p for p in free if not dot or wanted == p.name.partition(".")[2]]
     if not chosen:
         remedy = suggestion(one.quantity, [p.name for p in free])
         raise InputError(what=f"{effect_id} has no parameter '{wanted[:40]}'", where=place, remedy=remedy)

@@ -310,7 +310,9 @@ class Monitor:
         return self._change
 
     def __str__(self) -> str:
-        """One line: still valid, or what changed and when."""
+        """One line: still valid, or what changed and when; or that there was no whole block of readings yet."""
+        if not self._filters.blocks:
+            return "no whole block of readings yet"
         return "still valid" if self._change is None else str(self._change)
 
     def _stated(self) -> Change:
@@ -723,7 +725,7 @@ def _in_noise(program: MonitorProgram, calibration: CalibratedModel, recording: 
     if len(blocks) < FIRST_BLOCKS + FEWEST_BLOCKS:
         seconds = block * (recording.dt or 1.0)
         needed = (FIRST_BLOCKS + FEWEST_BLOCKS + 1) * seconds
-        remedy = f"give at least {needed:.3g} s without contact, or a shorter longest_contact"
+        remedy = f"give at least {needed:.3g} s without contact, or, in Python, a shorter longest_contact"
         raise _error(f"{recording.name} is too short for the noise of blocks of {seconds:.3g} s", remedy)
     walks = [program.walk * factor for factor in WALKS]
     scales, likelihoods = zip(*(_of_blocks(replace(program, walk=walk), blocks) for walk in walks), strict=True)

@@ -622,7 +622,8 @@ def compensate(
         Smooth at this lag, s: each sample's wrench takes readings until so much later, with the weights that leave
         the least of the recording's own noise and pass a contact undistorted after the lag; by default each reading by
         itself. Accelerations of an inertial unit (`imu_ax`, `imu_ay`, `imu_az`) enter where they make the noise lower.
-        Zero, contacts and their means stay those of the readings.
+        Zero, contacts and their means stay those of the readings. No std covers the blur of a contact that begins or
+        ends within the lag; at the ends of a run the lag is shorter, and the noise larger.
 
     Returns
     -------

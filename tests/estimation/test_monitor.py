@@ -294,6 +294,7 @@ def test_bad_input_is_one_sentence() -> None:
     known = fitted(Space.PLANE)
     monitor = monitor_of(Space.PLANE)
     short = quiet(Space.PLANE, DRAG, 2, 1)
+    assert str(monitor) == "no whole block of readings yet"
     for attempt, said in (
         (lambda: Monitor(ModelFile.of(known)), "give a recording of ordinary work"),
         (lambda: Monitor(known, noisy(short, 1)), "too short for the noise"),

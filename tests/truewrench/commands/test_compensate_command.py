@@ -143,7 +143,9 @@ def test_a_lag_lowers_the_noise_and_leaves_contacts_and_zero(
         assert main(["compensate", bench.model, bench.pushed, "--axes", axes, "--json"]) == 0
         assert turned["contacts"] == json.loads(capsys.readouterr().out)["contacts"]
     assert main(["compensate", bench.model, bench.pushed, "--lag", "60ms"]) == 0
-    assert "a row takes readings until 60 ms later" in capsys.readouterr().out
+    text = capsys.readouterr().out
+    assert "a row takes readings until 60 ms later" in text
+    assert "near the beginning and end of a contact" in text
     for wrong in ("0ms", "soon", "-1s", "1us", "9s"):
         assert main(["compensate", bench.model, bench.pushed, f"--lag={wrong}"]) == 2
         assert "lag" in capsys.readouterr().err
