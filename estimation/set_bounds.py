@@ -90,9 +90,10 @@ class SetBounds(Tabular):
         """What the interval means, or that there is none."""
         stated = ", ".join(f"{name} {value:g}" for name, value in self.error.items())
         if not self.feasible:
+            within = "" if self.fit.constrained is None else " within the fit's bounds"
             return [
-                f"Infeasible: no parameters of this model leave every reading within {stated}. They would within"
-                f" {plain_number(self.factor, '.4g')} times as much, by {', '.join(self.tightest)}: something is"
+                f"Infeasible: no parameters of this model{within} leave every reading within {stated}. They would"
+                f" within {plain_number(self.factor, '.4g')} times as much, by {', '.join(self.tightest)}: something is"
                 " missing in the model, or a reading is no measurement."
             ]
         least = plain_number(self.factor, ".3g")
@@ -125,8 +126,9 @@ def set_bounds(fitted: Fit, error: Mapping[str, float]) -> SetBounds:
     Parameters
     ----------
     fitted : Fit
-        A fit of a model that is linear in its parameters and has no memory; its recordings are used, and the ranges of
-        its effects' parameters. Readings that the fit leaves out are left out here.
+        A fit of a model that is linear in its parameters and has no memory; its recordings are used, the ranges of its
+        effects' parameters and the bounds of its constraints, but no physical consistency and no prior. Readings that
+        the fit leaves out are left out here.
     error : mapping of str to float
         For each channel the largest error of a reading: noise and whatever the model lacks, N and N m.
 
@@ -168,6 +170,11 @@ def set_bounds(fitted: Fit, error: Mapping[str, float]) -> SetBounds:
         raise InputError(what=what, where="set bounds", remedy="leave it out, and state larger errors")
     polytope = _Polytope.of(fitted, limits)
     factor, rows = polytope.least_factor()
+    if not isfinite(factor):  # it always has a solution
+        remedy = "state errors that differ less in size between the channels"
+        raise InputError(
+            what="the linear program has no solution in finite precision", where="set bounds", remedy=remedy
+        )
     tightest = tuple(dict.fromkeys(fitted.model.channels[i] for i in polytope.channel[rows].tolist()))
     if factor > 1 + VIOLATION:
         none = np.full(fitted.layout.size, np.nan)
@@ -223,7 +230,10 @@ class _Polytope:
         scale = 1 / np.maximum(np.abs(rows).max(axis=0), np.finfo(float).tiny)
         scale = np.where(rows.any(axis=0), scale, 1.0)
         rows = rows * scale
-        ends = np.array([p.bounds for p in fitted.unknowns]).T
+        region = None if fitted.constrained is None else fitted.constrained.region
+        ends = (
+            np.array([p.bounds for p in fitted.unknowns]).T if region is None else np.array([region.low, region.high])
+        )
         low, high = ((end - fitted.theta) / scale for end in ends)
         # The rows that determine z best limit it in every direction that any limit.
         _, _, pivots = scipy.linalg.qr(rows.T, mode="economic", pivoting=True)

@@ -16,6 +16,7 @@ import pandas as pd
 import pytest
 
 from estimation.fit import Fit, fit
+from estimation.least_squares.bounds import Bounds
 from estimation.recordings.reading import from_columns
 from estimation.set_bounds import set_bounds
 from modeling.effects import named
@@ -148,6 +149,19 @@ def test_a_model_that_is_not_linear_is_refused_by_the_effect_that_is_not() -> No
     tilted = found.refitted(found.model + named("com_offset") + named("gravity_tilt"))
     with pytest.raises(InputError, match="not linear in its parameters, by gravity_tilt;"):
         set_bounds(tilted, stated(Space.PLANE))
+
+
+def test_bounds_of_the_fit_hold() -> None:
+    """A mass between 0.9 and 0.95 kg is one here; one that is fixed far off leaves no parameters."""
+    recordings = fitted(Space.PLANE, 1).recordings
+    for ends, feasible in (((0.9, 0.95), True), ((0.5, 0.5), False)):
+        held = fit(base(Space.PLANE), recordings, constraints=Bounds({"m": ends}))
+        bounds, row = set_bounds(held, stated(Space.PLANE)), [p.name for p in held.unknowns].index("m")
+        assert bounds.feasible == feasible
+        if feasible:
+            assert 0.9 - 1e-6 <= bounds.low[row] < bounds.high[row] <= 0.95 + 1e-6
+        else:
+            assert "within the fit's bounds" in bounds.remarks()[0]
 
 
 @pytest.mark.parametrize(
