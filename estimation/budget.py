@@ -34,7 +34,7 @@ from estimation.model_response import missing_inputs
 from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel
 from modeling.effects import STATED, named
-from modeling.errors import InputError, kind_of, suggestion
+from modeling.errors import InputError, kind_of, quoted, suggestion
 from modeling.number_format import NOT_IDENTIFIABLE
 from modeling.parameter import Parameter, Role
 
@@ -295,9 +295,9 @@ def budget(
 
 def stated_budget(contributions: str | Path | Mapping[str, object] | Statement, monte_carlo: int = 0) -> Statement:
     """What a budget states, checked before any work together with the number of refits; InputError, in one line."""
-    if monte_carlo and not FEWEST_TRIALS <= monte_carlo <= MOST_TRIALS:
+    if monte_carlo and not (isinstance(monte_carlo, int) and FEWEST_TRIALS <= monte_carlo <= MOST_TRIALS):
         remedy = f"give {FEWEST_TRIALS} to {MOST_TRIALS}"
-        raise InputError(what=f"{monte_carlo} refits are too few or too many", where="Monte Carlo", remedy=remedy)
+        raise InputError(what=f"{quoted(monte_carlo)} is no number of refits", where="Monte Carlo", remedy=remedy)
     return contributions if isinstance(contributions, Statement) else Statement.read(contributions)
 
 
@@ -316,7 +316,7 @@ def _quantity(
             what = f"the fit estimates {one.quantity}, whose std is that of the noise"
             raise InputError(what=what, where=place, remedy="leave it out, or fix it by bounds")
         return None, _in_unit([parameter], one, place)
-    effect_id, _, wanted = one.quantity.partition(".")
+    effect_id, dot, wanted = one.quantity.partition(".")
     effect = _effect(effect_id, fit.model, custom, place)
     model = _with(fit.model, effect, place)
     effect = model.effects[-1]
@@ -329,7 +329,7 @@ def _quantity(
     if nuisance:
         what = f"{effect_id} has no derivative where it vanishes, as {nuisance[0].name} is open there"
         raise InputError(what=what, where=place, remedy="add it to the model (--add), which estimates it")
-    chosen = [p for p in free if wanted in ("", p.name.partition(".")[2])]
+    chosen = [p for p in free if not dot or wanted == p.name.partition(".")[2]]
     if not chosen:
         remedy = suggestion(one.quantity, [p.name for p in free])
         raise InputError(what=f"{effect_id} has no parameter '{wanted[:40]}'", where=place, remedy=remedy)

@@ -35,7 +35,7 @@ MOST_CONTRIBUTIONS = 50
 NEGLIGIBLE = 1e-6
 """Of a combined std: below it a contribution is shown as zero, rounding errors among them."""
 TYPE_A = {
-    "noise": "{:.3g} times as many readings would halve the std",
+    "noise": "an average over {:.3g} times as many readings would halve the std",
     "parameters": "{:.3g} times as many readings in the fit would halve the std",
     "zero": "{:.3g} times as many rows without contact would halve the std",
 }

@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import casadi as ca
 import numpy as np
@@ -36,7 +36,7 @@ from modeling.chain.sensor_axes import contact_gain_at, group_delay
 from modeling.codegen.casadi_target import CasadiSample, state_size
 from modeling.codegen.fitted_model import FittedModel, MonitorProgram
 from modeling.compiled.symbolic_vector import casadi_results
-from modeling.errors import InputError, kind_of
+from modeling.errors import InputError, kind_of, quoted
 from modeling.noise import NoiseModel
 from modeling.rigid_body import inertial_parameters
 from modeling.significance import LEVELS
@@ -99,6 +99,7 @@ class Change(NamedTuple):
                 id of an effect of the model; empty where none of them explains 80 % of the departure
     others      groups with odds of up to 20 against it, or against the nearest of those that do not explain it
     by          by how much the parameters of the group differ from the fit since then, a bias from its value before
+    limit       s, the longest contact: one that lasts longer is not told from a change, and may be this
     """
 
     start: float
@@ -107,15 +108,17 @@ class Change(NamedTuple):
     group: str
     others: tuple[str, ...]
     by: Mapping[str, Estimate]
+    limit: float
 
     def __str__(self) -> str:
         """One line."""
         when = f"changed between {self.start:.6g} and {self.end:.6g} s"
+        contact = f"or a contact of more than {self.limit:g} s"
         if not self.group:
-            return f"{when}: like nothing in the model alone; {' or '.join(self.others)} comes nearest"
+            return f"{when}: like nothing in the model alone; {' or '.join(self.others)} comes nearest; {contact}"
         amounts = ", ".join(f"{e.name} {e.value:+.3g} ± {e.std:.2g} {e.unit}" for e in self.by.values())
         beside = f" (or {', '.join(self.others)})" if self.others else ""
-        return f"{when}: looks like {self.group}{beside}, {amounts}"
+        return f"{when}: looks like {self.group}{beside}, {amounts}; {contact}"
 
 
 class Monitor:
@@ -147,7 +150,8 @@ class Monitor:
     means of its blocks vary more than that predicts, its variance and the walk of the zero are raised to what they
     show.
 
-    A contact is a departure of any size that is over after `longest_contact` s; a change is one that lasts. The log
+    A contact is a departure of any size that is over after `longest_contact` s; a change is one that lasts, and so a
+    contact that lasts longer is stated as one, with the group that it resembles. The log
     evidence grows by 1 a block at most, by 10 in the longest contact, and a change is stated at log(blocks in a day /
     `alarms_per_day`) + 10: so no contact states one by itself, and the readings after it take away what it had added,
     if the tool is free for as long. A change is stated `longest_contact` s after it at the earliest, after a little
@@ -192,8 +196,8 @@ class Monitor:
         if recording.dt is None:
             raise _error("the recording is of poses at rest", "give one of ordinary work, with times")
         for name, value in (("longest_contact", longest_contact), ("alarms_per_day", alarms_per_day)):
-            if not 0 < value < np.inf:
-                raise _error(f"{name} = {value:g}", "give a positive number")
+            if not (isinstance(cast("object", value), int | float | np.number) and 0 < value < np.inf):
+                raise _error(f"{name} = {quoted(value)}", "give a positive number")
         if not (calibration.floor > 0).all():
             raise _error("the fit is of readings without noise", "fit readings of a sensor")
         self.calibration = calibration.without_recording_specific
@@ -306,7 +310,9 @@ class Monitor:
         return self._change
 
     def __str__(self) -> str:
-        """One line: still valid, or what changed and when."""
+        """One line: still valid, or what changed and when; or that there was no whole block of readings yet."""
+        if not self._filters.blocks:
+            return "no whole block of readings yet"
         return "still valid" if self._change is None else str(self._change)
 
     def _stated(self) -> Change:
@@ -324,6 +330,7 @@ class Monitor:
             group=program.groups[best] if explains else "",
             others=tuple(name for name in near if name != program.groups[best] or not explains),
             by={p.name: Estimate(p.name, change, std, p.unit) for p, change, std in chosen if explains},
+            limit=program.contact_blocks * program.block * self.dt,
         )
 
     def _is_a_body(self, changes: Array, covariance: Array) -> bool:
@@ -643,10 +650,16 @@ def _program(
 
 def _drift(calibration: CalibratedModel, drift: Mapping[str, float] | None) -> Array:
     """Std (p,) by which the zero of each channel walks in an hour, in its unit."""
-    stated, channels = drift or {}, calibration.model.channels
-    wrong = [name for name in stated if name not in channels] + [n for n, v in stated.items() if not 0 < v < np.inf]
+    stated, channels = {} if drift is None else drift, calibration.model.channels
+    if not isinstance(cast("object", stated), Mapping):
+        raise _error(f"{kind_of(stated)} is no drift by channel", f"give positive numbers for {', '.join(channels)}")
+    wrong = [
+        n
+        for n, v in stated.items()
+        if n not in channels or not (isinstance(cast("object", v), int | float | np.number) and 0 < v < np.inf)
+    ]
     if wrong:
-        raise _error(f"no drift of {wrong[0][:40]}", f"give positive numbers for {', '.join(channels)}")
+        raise _error(f"no drift of {quoted(wrong[0])}", f"give positive numbers for {', '.join(channels)}")
     return np.array([stated.get(name, std) for name, std in zip(channels, calibration.floor, strict=True)], dtype=float)
 
 
@@ -712,7 +725,7 @@ def _in_noise(program: MonitorProgram, calibration: CalibratedModel, recording: 
     if len(blocks) < FIRST_BLOCKS + FEWEST_BLOCKS:
         seconds = block * (recording.dt or 1.0)
         needed = (FIRST_BLOCKS + FEWEST_BLOCKS + 1) * seconds
-        remedy = f"give at least {needed:.3g} s without contact, or a shorter longest_contact"
+        remedy = f"give at least {needed:.3g} s without contact, or, in Python, a shorter longest_contact"
         raise _error(f"{recording.name} is too short for the noise of blocks of {seconds:.3g} s", remedy)
     walks = [program.walk * factor for factor in WALKS]
     scales, likelihoods = zip(*(_of_blocks(replace(program, walk=walk), blocks) for walk in walks), strict=True)

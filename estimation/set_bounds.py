@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from math import inf, isfinite
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import scipy.linalg
@@ -22,7 +22,7 @@ from scipy.optimize import OptimizeResult, linprog
 from estimation.fit import Fit
 from estimation.noise.transient_windows import inside, samples_of
 from modeling.chain.regressor import regressor_basis
-from modeling.errors import InputError, quoted, suggestion
+from modeling.errors import InputError, kind_of, quoted, suggestion
 from modeling.number_format import plain_number
 from modeling.table import Column, Table, Tabular
 
@@ -90,9 +90,10 @@ class SetBounds(Tabular):
         """What the interval means, or that there is none."""
         stated = ", ".join(f"{name} {value:g}" for name, value in self.error.items())
         if not self.feasible:
+            within = "" if self.fit.constrained is None else " within the fit's bounds"
             return [
-                f"Infeasible: no parameters of this model leave every reading within {stated}. They would within"
-                f" {plain_number(self.factor, '.4g')} times as much, by {', '.join(self.tightest)}: something is"
+                f"Infeasible: no parameters of this model{within} leave every reading within {stated}. They would"
+                f" within {plain_number(self.factor, '.4g')} times as much, by {', '.join(self.tightest)}: something is"
                 " missing in the model, or a reading is no measurement."
             ]
         least = plain_number(self.factor, ".3g")
@@ -125,8 +126,9 @@ def set_bounds(fitted: Fit, error: Mapping[str, float]) -> SetBounds:
     Parameters
     ----------
     fitted : Fit
-        A fit of a model that is linear in its parameters and has no memory; its recordings are used, and the ranges of
-        its effects' parameters. Readings that the fit leaves out are left out here.
+        A fit of a model that is linear in its parameters and has no memory; its recordings are used, the ranges of its
+        effects' parameters and the bounds of its constraints, but no physical consistency and no prior. Readings that
+        the fit leaves out are left out here.
     error : mapping of str to float
         For each channel the largest error of a reading: noise and whatever the model lacks, N and N m.
 
@@ -157,6 +159,10 @@ def set_bounds(fitted: Fit, error: Mapping[str, float]) -> SetBounds:
     >>> bounds.feasible, bool(bounds.low[row] < 0.9 < bounds.high[row])
     (True, True)
     """
+    given: object = fitted
+    if not isinstance(given, Fit):
+        remedy = "give a fit of whole recordings first: tw.set_bounds(tw.fit(model, recording), ..)"
+        raise InputError(what=f"{kind_of(given)} has no readings to bound", where="set bounds", remedy=remedy)
     limits = _error_by_channel(fitted, error)
     if regressor_basis(fitted.model) is None:
         names = [effect.id for effect in fitted.model.effects if regressor_basis(fitted.model.base + effect) is None]
@@ -164,6 +170,11 @@ def set_bounds(fitted: Fit, error: Mapping[str, float]) -> SetBounds:
         raise InputError(what=what, where="set bounds", remedy="leave it out, and state larger errors")
     polytope = _Polytope.of(fitted, limits)
     factor, rows = polytope.least_factor()
+    if not isfinite(factor):  # it always has a solution
+        remedy = "state errors that differ less in size between the channels"
+        raise InputError(
+            what="the linear program has no solution in finite precision", where="set bounds", remedy=remedy
+        )
     tightest = tuple(dict.fromkeys(fitted.model.channels[i] for i in polytope.channel[rows].tolist()))
     if factor > 1 + VIOLATION:
         none = np.full(fitted.layout.size, np.nan)
@@ -173,18 +184,21 @@ def set_bounds(fitted: Fit, error: Mapping[str, float]) -> SetBounds:
 
 
 def _error_by_channel(fitted: Fit, error: Mapping[str, float]) -> dict[str, float]:
-    channels = fitted.model.channels
+    channels, given = fitted.model.channels, cast("object", error)
+    if not isinstance(given, Mapping):
+        remedy = f"give that of {', '.join(channels)} by name"
+        raise InputError(what=f"{kind_of(given)} is no largest error by channel", where="error bound", remedy=remedy)
     for name in error:
         if name not in channels:
             what = f"no channel is called {quoted(name)}"
-            raise InputError(what=what, where="error bound", remedy=suggestion(name, channels, most=len(channels)))
+            raise InputError(what=what, where="error bound", remedy=suggestion(str(name), channels, most=len(channels)))
     missing = [name for name in channels if name not in error]
     if missing:
         what = f"no largest error of {', '.join(missing)}"
         raise InputError(what=what, where="error bound", remedy="state that of every channel, N and N m")
     for name, value in error.items():
-        if not (value > 0 and isfinite(value)):
-            what = f"{value:g} is no largest error of {name}"
+        if not (isinstance(cast("object", value), int | float | np.number) and 0 < value < inf):
+            what = f"{quoted(value)} is no largest error of {name}"
             raise InputError(what=what, where="error bound", remedy="state a number above zero")
     return {name: float(error[name]) for name in channels}
 
@@ -216,7 +230,10 @@ class _Polytope:
         scale = 1 / np.maximum(np.abs(rows).max(axis=0), np.finfo(float).tiny)
         scale = np.where(rows.any(axis=0), scale, 1.0)
         rows = rows * scale
-        ends = np.array([p.bounds for p in fitted.unknowns]).T
+        region = None if fitted.constrained is None else fitted.constrained.region
+        ends = (
+            np.array([p.bounds for p in fitted.unknowns]).T if region is None else np.array([region.low, region.high])
+        )
         low, high = ((end - fitted.theta) / scale for end in ends)
         # The rows that determine z best limit it in every direction that any limit.
         _, _, pivots = scipy.linalg.qr(rows.T, mode="economic", pivoting=True)

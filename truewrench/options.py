@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from modeling.effects import catalogue
-from modeling.errors import InputError, file_text, toml_data
+from modeling.errors import InputError, file_text, quoted, toml_data
 from modeling.kinematics.placement import LARGEST_NUMBER
 from truewrench.files.output import REPORT_FILES, ProgressStyle, progress_style, require_writable_files
 
@@ -132,9 +132,12 @@ def positive(text: str) -> float:
 
 
 def duration(text: str) -> float:
-    """A time above zero in s, as `20ms`, `0.02s` or a number; argparse reports a ValueError in one line."""
+    """A time above zero in s, as `20ms`, `0.02s` or a number; argparse reports its error in one line."""
     scale, number = next(((s, text[: -len(u)]) for u, s in (("ms", 1e-3), ("s", 1.0)) if text.endswith(u)), (1.0, text))
-    return positive(number) * scale
+    try:
+        return positive(number) * scale
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{quoted(text)} is no time above zero, such as 20ms or 0.02s") from None
 
 
 def finite(text: str) -> float:
@@ -146,9 +149,12 @@ def finite(text: str) -> float:
 
 
 def named_size(text: str) -> tuple[str, float]:
-    """A name and a number above zero, as `fx=0.5`; argparse reports a ValueError in one line."""
+    """A name and a number above zero, as `fx=0.5`; argparse reports its error in one line."""
     name, _, size = text.partition("=")
-    return name, positive(size)
+    try:
+        return name, positive(size)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{quoted(text)} is no name with a size above zero, such as fx=0.5") from None
 
 
 def add_repeatable(

@@ -306,7 +306,7 @@ class ContactWrench(Tabular):
 
     wrench      (n, p) of the environment on the tool, whatever the readings' signs: fcx, fcy, tauc in the plane, fcx ..
                 tcz in six axes; N and N m, about the sensor origin, along `axes`
-    noise       covariance of one sample's noise, (p, p), or (n, p, p) in base axes
+    noise       covariance of one sample's noise, (p, p), or (n, p, p) in base axes and at a lag
     systematic_covariance   (n, p, p), from parameters and zero
     zero_shift  (p,) zero of the readings less that of the calibration, in the channels' units
     group_delay s, group delay of the sensor's dynamics at low frequency
@@ -369,7 +369,7 @@ class ContactWrench(Tabular):
 
     @property
     def noise_std(self) -> Array:
-        """Std (p,) of one sample's noise, in base axes its root mean square over the recording."""
+        """Std (p,) of one sample's noise, in base axes and at a lag its root mean square over the recording."""
         variance = np.diagonal(self.noise, axis1=-2, axis2=-1)
         return np.asarray(np.sqrt(variance if variance.ndim == 1 else variance.mean(axis=0)))
 
@@ -415,7 +415,8 @@ class ContactWrench(Tabular):
         It assumes a contact there, without a torque of its own. Without a tip length it is (fcx, fcy).
         """
         if self.turn is None:
-            return PointForce.of(self.wrench, self.covariance, self.noise, self.tip_length)
+            weight = self.noise if self.noise.ndim == 2 else self.noise.mean(axis=0)
+            return PointForce.of(self.wrench, self.covariance, weight, self.tip_length)
         assert self.along_tip is not None
         return self.along_tip.point_force.turned(self.turn[..., :2, :2])
 
@@ -621,7 +622,8 @@ def compensate(
         Smooth at this lag, s: each sample's wrench takes readings until so much later, with the weights that leave
         the least of the recording's own noise and pass a contact undistorted after the lag; by default each reading by
         itself. Accelerations of an inertial unit (`imu_ax`, `imu_ay`, `imu_az`) enter where they make the noise lower.
-        Zero, contacts and their means stay those of the readings.
+        Zero, contacts and their means stay those of the readings. No std covers the blur of a contact that begins or
+        ends within the lag; at the ends of a run the lag is shorter, and the noise larger.
 
     Returns
     -------

@@ -5,6 +5,9 @@ with that lag. Of all weights over a window of 2 h + 1 samples, h dt the lag, th
 line, those leave the least noise that the noise's autocovariance gives least variance to (best linear unbiased). White
 noise is averaged, a vibration is cancelled, and a contact that begins is through after the window, not later.
 
+At the ends of a run there are not so many readings: a row takes the widest window that fits there, of half the lag, a
+quarter and so on, the last row its own reading alone, and has that window's noise.
+
 The noise is that of the samples without contact. Where the recording has the accelerations of an inertial unit on the
 tool, what shakes tool and sensor is in both: samples of these enter with weights of their own.
 """
@@ -13,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +24,7 @@ from scipy.linalg import solve, toeplitz
 from scipy.ndimage import minimum_filter1d
 from scipy.signal import correlate, oaconvolve
 
-from modeling.errors import InputError
+from modeling.errors import InputError, quoted
 
 Array = NDArray[np.float64]
 SampleMask = NDArray[np.bool_]
@@ -33,6 +36,13 @@ FEWEST_WINDOWS = 10
 MOST_WEIGHTS = 501
 """Weights of one series: with three accelerations 2004 unknowns, half a second a component. Longer lags are those of a
 slow signal, which has too many samples."""
+
+
+LEAST_GAIN = 0.05
+"""Share of the variance by which an inertial unit has to lower the noise in both halves of a recording to enter: of one
+that feels something else, the variances differ by less than that, either way."""
+CONSTANT = 1e-9
+"""Range of a unit's accelerations over their size, below which they are rounding."""
 
 
 class _Noise(NamedTuple):
@@ -67,14 +77,16 @@ class _Noise(NamedTuple):
     def weights(self, series: Sequence[int], window: int) -> Array:
         """(s, m): weights of the samples t - h .. t + h of these series, of which the first is to be kept.
 
-        Least variance under the conditions that the first's sum to one and have no first moment. Few samples make a
-        covariance of so many unknowns too small in some direction: it is shrunk to that of white noise by the share of
-        unknowns in samples.
+        Least variance under the conditions that the first's sum to one and have no first moment; one sample is
+        itself. Few samples make a covariance of so many unknowns too small in some direction: it is shrunk to that of
+        white noise by the share of unknowns in samples.
         """
+        if window == 1:
+            return np.eye(len(series), 1)
         index = list(series)
         covariance = np.block([[self._block(a, b, window) for b in index] for a in index])
         share = min(1.0, len(covariance) / max(self.samples, 1))
-        power = np.repeat([self.lagged[a, a, window - 1] for a in index], window)
+        power = np.repeat([self.lagged[a, a, self._now] for a in index], window)
         covariance[np.diag_indices_from(covariance)] += share * np.maximum(power, np.finfo(float).tiny)
         place = np.linspace(-1.0, 1.0, window)
         kept = np.zeros((len(covariance), 2))
@@ -83,10 +95,15 @@ class _Noise(NamedTuple):
         found = solved @ np.linalg.solve(kept.T @ solved, np.array([1.0, 0.0]))
         return np.asarray(found.reshape(len(index), window))
 
+    @property
+    def _now(self) -> int:
+        """The place of k = 0."""
+        return int(self.lagged.shape[2] // 2)
+
     def _block(self, a: int, b: int, window: int) -> Array:
         """(m, m): E[a[t + i] b[t + j]], i and j from one end of the window to the other."""
-        later = self.lagged[a, b, window - 1 :]
-        earlier = self.lagged[a, b, window - 1 :: -1]
+        later = self.lagged[a, b, self._now : self._now + window]
+        earlier = self.lagged[a, b, self._now - window + 1 : self._now + 1][::-1]
         return np.asarray(toeplitz(earlier, later))
 
 
@@ -120,19 +137,23 @@ class _Windows:
         """The samples whose whole window is in the mask."""
         return [minimum_filter1d(mask.astype(np.uint8), self.window, mode="constant") > 0 for mask in masks]
 
+    @property
+    def halves_of_windows(self) -> tuple[int, ...]:
+        """h, and those of the windows at the ends, down to 0."""
+        return *(self.half >> power for power in range(self.half.bit_length())), 0
+
     def smoothed(self, series: Sequence[int], weights: Array) -> list[Array]:
-        """(n,) of each run; beyond its ends a run goes on as its mirror image."""
+        """(n - 2 h,) of each run, the rows whose window of these weights (s, 2 h + 1) is in the run."""
         parts = []
         for run in self.runs:
-            padded = np.pad(run[:, list(series)], ((self.half, self.half), (0, 0)), mode="reflect")
             # Weights are by place in the window; a convolution takes them from the last sample to the first.
-            products = [oaconvolve(one, each[::-1], "valid") for one, each in zip(padded.T, weights, strict=True)]
-            parts.append(np.sum(products, axis=0))
+            pairs = zip(run[:, list(series)].T, weights, strict=True)
+            parts.append(np.sum([oaconvolve(one, each[::-1], "valid") for one, each in pairs], axis=0))
         return parts
 
 
 class SmoothedSeries(NamedTuple):
-    """Components (n, p) at a lag (s), the covariance (p, p) of their noise, and which of them the unit entered."""
+    """Components (n, p) at a lag (s), the covariance (n, p, p) of their noise, and which of them the unit entered."""
 
     wrench: Array
     noise: Array
@@ -158,32 +179,53 @@ def smoothed_series(
         for masks, others in ((first, second), (second, first))
     ]
     whole = _Noise.of(windows.runs, windows.free, windows.window)
-    columns, held_out, with_unit = [], [], []
-    for component in range(wrench.shape[1]):
-        choices = [(component,), *([(component, *windows.inertial)] if windows.inertial else [])]
-        tried = [_tried(windows, halves, series) for series in choices]
-        best = int(np.argmin([each.var() for each in tried]))
-        held_out.append(tried[best])
-        with_unit += [component] * (best > 0)
-        weights = whole.weights(choices[best], windows.window)
-        columns.append(np.concatenate(windows.smoothed(choices[best], weights)))
-    noise = np.atleast_2d(np.cov(held_out))
-    return SmoothedSeries(np.column_stack(columns), noise, windows.half * float(dt or 0.0), tuple(with_unit))
+    chosen: list[tuple[int, ...]] = [(component,) for component in range(wrench.shape[1])]
+    if windows.inertial:
+        chosen = [_quieter(windows, halves, (*alone, *windows.inertial), alone) for alone in chosen]
+    size = wrench.shape[1]
+    values = [np.empty((len(run), size)) for run in windows.runs]
+    covariances = [np.empty((len(run), size, size)) for run in windows.runs]
+    for half in sorted(windows.halves_of_windows):  # a wider window replaces the rows where it fits
+        held_out = [np.concatenate(_tried(windows, halves, series, half)) for series in chosen]
+        columns = [windows.smoothed(series, whole.weights(series, 2 * half + 1)) for series in chosen]
+        for number, run in enumerate(values):
+            rows = slice(half, len(run) - half)
+            run[rows] = np.column_stack([column[number] for column in columns])
+            covariances[number][rows] = np.cov(held_out)
+    with_unit = tuple(number for number, series in enumerate(chosen) if len(series) > 1)
+    lasting = windows.half * float(dt or 0.0)
+    return SmoothedSeries(np.concatenate(values), np.concatenate(covariances), lasting, with_unit)
 
 
-def _tried(windows: _Windows, halves: Sequence[tuple[_Noise, list[SampleMask]]], series: Sequence[int]) -> Array:
-    """(k,): the smoothed free samples of each half by the weights of the other."""
+def _quieter(
+    windows: _Windows,
+    halves: Sequence[tuple[_Noise, list[SampleMask]]],
+    with_unit: tuple[int, ...],
+    alone: tuple[int, ...],
+) -> tuple[int, ...]:
+    """The series with the unit where it lowers the noise in both halves of the recording, else those without."""
+    pairs = zip(*(_tried(windows, halves, series, windows.half) for series in (with_unit, alone)), strict=True)
+    return with_unit if all(helped.var() < (1 - LEAST_GAIN) * left.var() for helped, left in pairs) else alone
+
+
+def _tried(
+    windows: _Windows, halves: Sequence[tuple[_Noise, list[SampleMask]]], series: Sequence[int], half: int
+) -> list[Array]:
+    """The free samples of each half of the recording, smoothed over 2 h + 1 by the weights of the other, (k,) each."""
     parts = []
     for noise, kept in halves:
-        runs = windows.smoothed(series, noise.weights(series, windows.window))
-        parts += [run[mask] for run, mask in zip(runs, kept, strict=True)]
-    return np.concatenate(parts)
+        runs = windows.smoothed(series, noise.weights(series, 2 * half + 1))
+        inner = [mask[half : len(mask) - half] for mask in kept]
+        parts.append(np.concatenate([run[mask] for run, mask in zip(runs, inner, strict=True)]))
+    return parts
 
 
 def _windows(
     wrench: Array, accelerations: Array, free: SampleMask, *, dt: float | None, runs: int, lag: float, name: str
 ) -> _Windows:
     where = f"{name}, lag"
+    if not (isinstance(cast("object", lag), int | float | np.number) and 0 < lag < np.inf):
+        raise InputError(what=f"{quoted(lag)} is no lag", where=where, remedy="give a time above zero, in s")
     if dt is None:
         raise InputError(what="static poses have no lag", where=where, remedy="leave out the lag")
     half = int(np.floor(lag / dt * (1 + 1e-9)))  # 1e-9: rounding of the ratio
@@ -213,6 +255,6 @@ def inertial_accelerations(signals: Mapping[str, Array], load: Array) -> Array:
     known = np.column_stack([np.ones(len(load)), load])
     left = [np.zeros((len(load), 0))]
     for series in (signals[name] for name in INERTIAL if name in signals):
-        if np.isfinite(series).all() and np.ptp(series):
+        if np.isfinite(series).all() and np.ptp(series) > CONSTANT * np.abs(series).max():
             left.append((series - known @ np.linalg.lstsq(known, series, rcond=None)[0])[:, None])
     return np.hstack(left)

@@ -228,6 +228,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "twice": ({"contribution": [stated("gravity", 1, "m/s²")] * 2}, "the name is used twice"),
     "noise": ({"contribution": [stated("gravity", 1, "m/s²", name="noise")]}, "the name is that of a scatter"),
     "id": ({"contribution": [stated("gravty", 1, "m/s²")]}, "no effect is called 'gravty'"),
+    "dot": ({"contribution": [stated("gravity.", 1, "m/s²")]}, "gravity has no parameter ''"),
     "parameter": ({"contribution": [stated("gravity.size", 1, "m/s²")]}, "gravity has no parameter 'size'"),
     "one run": ({"contribution": [stated("bias_drift", 1, "N")]}, "is of one recording alone; state zero_drift"),
     "open": ({"contribution": [stated("viscous_drag", 1, "N s/m")]}, "no derivative where it vanishes"),
@@ -258,7 +259,7 @@ def test_what_no_refit_can_check_is_refused() -> None:
     assert budget(fit, entries)["m"].interval is not None
     with pytest.raises(InputError, match=r"contact_event.start is the time of an event"):
         budget(fit, entries, monte_carlo=50)
-    with pytest.raises(InputError, match="5 refits are too few or too many"):
+    with pytest.raises(InputError, match="'5' is no number of refits"):
         budget(fit, entries, monte_carlo=5)
 
 

@@ -228,6 +228,7 @@ def test_a_change_is_found_named_and_sized(group: str) -> None:
         assert abs(found.value - amount) <= 0.1 * abs(amount) + (0.1 if amount == 0 else 0.0)
     assert str(monitor).startswith("changed between")
     assert f"looks like {group}, " in str(monitor)
+    assert str(monitor).endswith("; or a contact of more than 5 s")
 
 
 def pushed(recording: Recording, first: int, seconds: float) -> Recording:
@@ -293,12 +294,16 @@ def test_bad_input_is_one_sentence() -> None:
     known = fitted(Space.PLANE)
     monitor = monitor_of(Space.PLANE)
     short = quiet(Space.PLANE, DRAG, 2, 1)
+    assert str(monitor) == "no whole block of readings yet"
     for attempt, said in (
         (lambda: Monitor(ModelFile.of(known)), "give a recording of ordinary work"),
         (lambda: Monitor(known, noisy(short, 1)), "too short for the noise"),
         (lambda: Monitor(known, longest_contact=0.0), "positive"),
         (lambda: Monitor(replace(CalibratedModel.of(known), floor=np.zeros(3)), short), "without noise"),
-        (lambda: Monitor(known, drift={"fz": 1.0}), "no drift of fz"),
+        (lambda: Monitor(known, drift={"fz": 1.0}), "no drift of 'fz'"),
+        (lambda: Monitor(known, drift={"fx": "much"}), "no drift of 'fx'"),  # type: ignore[dict-item]
+        (lambda: Monitor(known, drift=0.1), "a float is no drift by channel"),  # type: ignore[arg-type]
+        (lambda: Monitor(known, longest_contact="10 s"), "'10 s'; give a positive number"),  # type: ignore[arg-type]
         (lambda: Monitor(known, quiet(Space.SPACE, DRAG, 1, 2)), "channels"),
         (lambda: Monitor("model.json"), "no fitted model"),
         (lambda: monitor.update({"phi": 0.0}, [0, 0, 0]), "without ax"),

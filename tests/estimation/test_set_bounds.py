@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import cvxpy as cp
 import numpy as np
@@ -15,6 +16,7 @@ import pandas as pd
 import pytest
 
 from estimation.fit import Fit, fit
+from estimation.least_squares.bounds import Bounds
 from estimation.recordings.reading import from_columns
 from estimation.set_bounds import set_bounds
 from modeling.effects import named
@@ -149,16 +151,32 @@ def test_a_model_that_is_not_linear_is_refused_by_the_effect_that_is_not() -> No
         set_bounds(tilted, stated(Space.PLANE))
 
 
+def test_bounds_of_the_fit_hold() -> None:
+    """A mass between 0.9 and 0.95 kg is one here; one that is fixed far off leaves no parameters."""
+    recordings = fitted(Space.PLANE, 1).recordings
+    for ends, feasible in (((0.9, 0.95), True), ((0.5, 0.5), False)):
+        held = fit(base(Space.PLANE), recordings, constraints=Bounds({"m": ends}))
+        bounds, row = set_bounds(held, stated(Space.PLANE)), [p.name for p in held.unknowns].index("m")
+        assert bounds.feasible == feasible
+        if feasible:
+            assert 0.9 - 1e-6 <= bounds.low[row] < bounds.high[row] <= 0.95 + 1e-6
+        else:
+            assert "within the fit's bounds" in bounds.remarks()[0]
+
+
 @pytest.mark.parametrize(
     ("error", "words"),
     [
         ({"fx": 0.5, "fy": 0.5}, "no largest error of tau"),
         ({"fx": 0.5, "fy": 0.5, "tz": 0.1, "tau": 1.0}, "no channel is called 'tz'"),
-        ({"fx": 0.5, "fy": -0.5, "tau": 1.0}, "-0.5 is no largest error of fy"),
-        ({"fx": 0.5, "fy": np.inf, "tau": 1.0}, "inf is no largest error of fy"),
+        ({"fx": 0.5, "fy": -0.5, "tau": 1.0}, "'-0.5' is no largest error of fy"),
+        ({"fx": 0.5, "fy": np.inf, "tau": 1.0}, "'inf' is no largest error of fy"),
+        ({"fx": 0.5, "fy": "0.5", "tau": 1.0}, "'0.5' is no largest error of fy"),
+        ({1: 0.5}, "no channel is called '1'"),
+        (0.5, "a float is no largest error by channel"),
     ],
 )
-def test_errors_that_are_none(error: dict[str, float], words: str) -> None:
+def test_errors_that_are_none(error: Any, words: str) -> None:
     with pytest.raises(InputError, match=words):
         set_bounds(fitted(Space.PLANE, 0), error)
 

@@ -220,6 +220,8 @@ def contact_text(contact: ContactWrench) -> str:
         lines.append(
             f"Smoothed: a row takes readings until {contact.lag * 1e3:.3g} ms later; one by itself has the noise"
             f" {single}."
+            + " So near the beginning and end of a contact it is between both, which no std covers."
+            * bool(count)
         )
     if contact.inertial:
         lines.append(f"Accelerations of the inertial unit enter {', '.join(contact.inertial)}.")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import re
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from math import isfinite
 from pathlib import Path
@@ -67,7 +67,7 @@ def run(arguments: argparse.Namespace) -> None:
 
 def run_in_memory(arguments: argparse.Namespace) -> None:
     """Fit of whole recordings."""
-    constraints = constraints_of(arguments)
+    constraints, error_bound = constraints_of(arguments), error_bound_of(arguments)
     budget = budget_of(arguments)
     case = read_case(
         arguments.recordings,
@@ -87,7 +87,7 @@ def run_in_memory(arguments: argparse.Namespace) -> None:
         if budget is not None:
             progress("budget")
         budgeted = None if budget is None else budget(summary, custom)
-    certain = set_bounds_of(arguments, summary.fit)
+    certain = set_bounds_of(error_bound, summary.fit)
     further = {"set_bounds": certain, "budget": budgeted}
     print_fit(
         arguments,
@@ -108,13 +108,21 @@ def run_in_memory(arguments: argparse.Namespace) -> None:
     )
 
 
-def set_bounds_of(arguments: argparse.Namespace, fitted: Fit) -> SetBounds | None:
+def error_bound_of(arguments: argparse.Namespace) -> dict[str, float]:
+    """The errors of --error-bound; InputError, before any work, where one is stated twice."""
+    stated = dict(arguments.error_bound)
+    if len(stated) < len(arguments.error_bound):
+        raise InputError(what="a channel is stated twice", where="--error-bound", remedy="state each channel once")
+    return stated
+
+
+def set_bounds_of(stated: Mapping[str, float], fitted: Fit) -> SetBounds | None:
     """The intervals that hold for the errors of --error-bound; None without any."""
-    if not arguments.error_bound:
+    if not stated:
         return None
     from estimation.set_bounds import set_bounds  # loads scipy.optimize
 
-    return set_bounds(fitted, dict(arguments.error_bound))
+    return set_bounds(fitted, stated)
 
 
 def budget_of(arguments: argparse.Namespace) -> Callable[[FitSummary, Sequence[Effect]], Budget] | None:
@@ -159,7 +167,9 @@ def require_streamable(arguments: argparse.Namespace) -> None:
     for option in IN_MEMORY_ONLY:
         if getattr(arguments, option):
             what = "not available for a streamed log"
-            raise InputError(what=what, where=f"--{option}", remedy="leave it out, or fit without --stream")
+            raise InputError(
+                what=what, where=f"--{option.replace('_', '-')}", remedy="leave it out, or fit without --stream"
+            )
     for log in arguments.recordings:
         if episode_of(Path(log)) is not None:
             remedy = f"leave --stream out, or write it first: `{shlex.join(['truewrench', 'import', log])} --out REC`"

@@ -67,7 +67,8 @@ def wrench_topics(contact: ContactWrench) -> dict[str, Array]:
 
     `measured`, `predicted` and the effects are readings, in their own sign and axes; the prediction has the zero of
     this recording. `contact` is the wrench of the environment on the tool along the axes that were asked for. What an
-    effect contributes is the prediction less that without it, at the same values of all other parameters.
+    effect contributes is the prediction less that without it, at the same values of all other parameters; those that
+    only a budget has, at a nominal value, contribute nothing and have no topic.
     """
     fitted, recording = contact.calibration.without_recording_specific, contact.recording
     values = {p.name: float(value) for p, value in zip(fitted.model.parameters, fitted.theta, strict=True)}
@@ -79,4 +80,5 @@ def wrench_topics(contact: ContactWrench) -> dict[str, Array]:
     } | {
         f"/truewrench/effects/{effect.id}": change_of_readings(fitted.model, effect.id, values, recording)
         for effect in fitted.model.effects
+        if any(values[p.name] != p.nominal for p in effect.qualified(fitted.model.space)) or not contact.contributions
     }

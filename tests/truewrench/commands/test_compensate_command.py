@@ -16,6 +16,7 @@ from estimation.reading.data_files import CONTACT, CONTACT_STD, PREDICTION
 from modeling.rig import Convention
 from tests.shared.log_files import DRAG, lerobot_data_set, lerobot_statistics, original
 from truewrench.command_line import main
+from truewrench.files.wrench_bag import wrench_topics
 from truewrench.simulated_rig import ContactEvent, PlanarRig, SpatialRig, ViscousDrag, simulate, write_recording
 
 pytest.importorskip("mujoco")
@@ -142,7 +143,9 @@ def test_a_lag_lowers_the_noise_and_leaves_contacts_and_zero(
         assert main(["compensate", bench.model, bench.pushed, "--axes", axes, "--json"]) == 0
         assert turned["contacts"] == json.loads(capsys.readouterr().out)["contacts"]
     assert main(["compensate", bench.model, bench.pushed, "--lag", "60ms"]) == 0
-    assert "a row takes readings until 60 ms later" in capsys.readouterr().out
+    text = capsys.readouterr().out
+    assert "a row takes readings until 60 ms later" in text
+    assert "near the beginning and end of a contact" in text
     for wrong in ("0ms", "soon", "-1s", "1us", "9s"):
         assert main(["compensate", bench.model, bench.pushed, f"--lag={wrong}"]) == 2
         assert "lag" in capsys.readouterr().err
@@ -304,6 +307,11 @@ def test_a_budget_goes_from_the_fit_to_the_contact(
     further = ["--axes", "base", "--lag", "20ms", "--out", str(tmp_path / "contact.csv")]
     assert main(["compensate", model, bench.pushed, "--budget", *further]) == 0
     assert "Budget:" in capsys.readouterr().out
+    # What a budget has at its nominal value is no part of the readings.
+    saved = tw.load(model)
+    assert saved.budget is not None
+    contact_wrench = tw.compensate(saved.budget, tw.read(bench.pushed, rig=saved.rig))
+    assert not [topic for topic in wrench_topics(contact_wrench) if "effects" in topic]
 
 
 @pytest.mark.parametrize(
@@ -311,6 +319,13 @@ def test_a_budget_goes_from_the_fit_to_the_contact(
     [
         (["compensate", "model.json", "pushed.csv", "--budget"], "model.json: the model file has no budget"),
         (["fit", "train.csv", "--monte-carlo", "9"], "there is no budget to check"),
+        (
+            ["fit", "train.csv", "--error-bound", "fx=1", "--error-bound", "fx=2"],
+            "--error-bound: a channel is stated twice",
+        ),
+        (["fit", "train.csv", "--error-bound", "fx"], "'fx' is no name with a size above zero, such as fx=0.5"),
+        (["fit", "train.csv", "--error-bound", "fx=1", "--stream"], "--error-bound: not available for a streamed"),
+        (["compensate", "model.json", "pushed.csv", "--lag", "20us"], "'20us' is no time above zero, such as 20ms"),
         (["fit", "train.csv", "--budget", "budget.toml"], "budget.toml: zero: the name is that of a scatter"),
         (["fit", "train.csv", "--budget", "good.toml", "--monte-carlo", "9"], "give 50 to 100000"),
         (["fit", "train.csv", "--budget", "none.toml"], "none.toml: No such file"),
