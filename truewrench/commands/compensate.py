@@ -113,8 +113,8 @@ def compensate_data_set(arguments: argparse.Namespace, saved: ModelFile) -> None
     without: list[int] = []
 
     def all_written() -> list[Path]:
+        without.append(write_features(contacts, arguments.lerobot))  # first: it refuses a data set that is damaged
         files = written(arguments, next(iter(contacts.values()))) if len(contacts) == 1 else []
-        without.append(write_features(contacts, arguments.lerobot))
         return [*files, arguments.lerobot]
 
     def text() -> str:
