@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -279,6 +280,17 @@ unit = "N"
 """
 
 
+def test_without_the_library_of_bags_nothing_is_written(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.delitem(sys.modules, "truewrench.files.wrench_bag", raising=False)
+    monkeypatch.setitem(sys.modules, "rosbags.rosbag2", None)
+    out, bag = tmp_path / "contact.csv", tmp_path / "contact.mcap"
+    assert main(["compensate", bench.model, bench.pushed, "--out", str(out), "--mcap", str(bag)]) == 2
+    assert list(tmp_path.iterdir()) == []
+    assert capsys.readouterr().err.count("\n") == 1
+
+
 def test_a_budget_goes_from_the_fit_to_the_contact(
     bench: Bench, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -464,6 +476,25 @@ def test_a_data_set_that_cannot_be_written_is_one_line(
     assert printed.err.count("\n") == 1
     assert contents(data_set) == before
     assert sorted(path.name for path in tmp_path.iterdir()) == ["in", "run.csv", "there"]
+
+
+def test_a_result_never_replaces_a_file_of_the_data_set(
+    drag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data_set = lerobot_data_set(original().iloc[:200], tmp_path / "in", "v3.0")
+    (rows,) = data_set.glob("data/**/*.parquet")
+    before = contents(data_set)
+    info, episode = data_set / "meta" / "info.json", data_set / "episode_000000"
+    for command in (
+        ["compensate", drag, episode, "--out", rows],
+        ["compensate", drag, episode, "--lerobot", tmp_path / "out", "--mcap", data_set / "new.mcap"],
+        ["import", data_set, "--out", rows],
+        ["fit", episode, "--out", info],
+        ["diagnose", data_set, "--out", data_set],
+    ):
+        assert main([str(word) for word in command]) == 2
+        assert "is inside the data set; give" in capsys.readouterr().err
+        assert contents(data_set) == before
 
 
 def test_a_feature_of_another_shape_is_not_written_over(
