@@ -359,7 +359,7 @@ class Study(Tabular):
         on. It is served on this machine alone: the browser has to be on the machine of the kernel. Elsewhere than in a
         notebook, `address` of what is returned is what a browser opens, for as long as Python runs.
 
-        Raises InputError where the packages of the workbench are not installed.
+        Raises InputError where the packages of the workbench are not installed, and for a height that is none.
         """
         return presenter().show(self, height)
 

@@ -350,12 +350,28 @@ def _features(folder: Path) -> dict[str, list[str]]:
 
 
 def episodes_of(folder: Path, number: int | None = None) -> dict[int, Path]:
-    """Files of a data set by the numbers of their episodes; of that file alone that is called as an episode is."""
+    """Files of a data set by the numbers of their episodes; of that file alone that is called as an episode is.
+
+    Raises InputError where a file does not number its episodes, or two hold rows of one.
+    """
     own = sorted(folder.glob(f"data/**/episode_{number:06d}.parquet")) if number is not None else []
     held: dict[int, Path] = {}
     for path in own or sorted(folder.glob("data/**/*.parquet")):
-        with parquet_file(path) as file:
-            held |= dict.fromkeys(np.unique(file.read(["episode_index"]).column(0).to_numpy()).tolist(), path)
+        try:
+            with parquet_file(path) as file:
+                table = file.read(["episode_index"])
+        except (OSError, arrow().ArrowException) as error:
+            what = f"cannot be read as Parquet: {' '.join(str(error).split()).rstrip('.')}"
+            raise InputError(what=what, where=str(path), remedy="give a data set that is whole") from None
+        numbers = np.unique(table.column(0).to_numpy() if table.num_columns else np.zeros(1))
+        if numbers.dtype.kind not in "iu":
+            what, remedy = "episode_index is not a whole number in each row", "give a data set that is whole"
+            raise InputError(what=what, where=str(path), remedy=remedy)
+        for episode in numbers.tolist():
+            if episode in held:
+                what, remedy = f"episode {episode} is in {held[episode].name} too", "put an episode's rows in one file"
+                raise InputError(what=what, where=str(path), remedy=remedy)
+            held[episode] = path
     return held
 
 
@@ -367,8 +383,8 @@ def _rows_of_episode(path: Path, number: int) -> dict[str, Any]:
         wanted = [name for name in wanted if name not in (CONTACT, CONTACT_STD, PREDICTION)]
         require_size(file.metadata.num_columns * file.metadata.num_rows, str(path))
         table = file.read([*wanted, "episode_index"])
-    rows = np.flatnonzero(table.column("episode_index").to_numpy() == number)
-    return {name: table.column(name).slice(rows[0], rows[-1] - rows[0] + 1) for name in wanted}
+    of_episode = table.filter(arrow().array(table.column("episode_index").to_numpy() == number))
+    return {name: of_episode.column(name) for name in wanted}
 
 
 DEEPEST = 6

@@ -10,7 +10,6 @@ R'(a - g) is what was measured; a gyroscope beside it gives the angular velocity
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,9 +17,6 @@ from estimation.reading.log_reader import Array
 from estimation.recordings.motion import QUATERNION
 from modeling.errors import InputError
 from modeling.rig import STANDARD_GRAVITY
-
-if TYPE_CHECKING:
-    pass
 
 RATES, ACCELERATION = ("wx", "wy", "wz"), ("apx", "apy", "apz")
 GRAVITY_TOLERANCE = 0.25

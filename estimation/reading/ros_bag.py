@@ -45,6 +45,8 @@ LONGEST_GAP = 10
 """Usual steps of a transform between two of its stamps, beyond which nothing is interpolated: it stopped meanwhile."""
 FEWEST_STAMPS = 3
 """Of a transform that moves; fewer are a mounting that was published with the moving ones."""
+SAME_POSE = 1e-6
+"""m, and of a quaternion's elements, which single precision rounds by less: further apart, a mounting was changed."""
 SHOWN_FRAMES = 6
 """Frames that a message names."""
 
@@ -75,6 +77,12 @@ class TransformTree:
         """Whether a frame's transform was published again and again."""
         return not self.series[child][0].fixed and len(self.stamps[child]) >= FEWEST_STAMPS
 
+    def _changes(self, child: str) -> bool:
+        """Whether a frame's transforms differ; a quaternion and its negative do not."""
+        values = np.array([transform.values for transform in self.series[child]])
+        values[:, 3:] *= np.sign(values[:, 3:] @ values[0, 3:])[:, None]
+        return bool(np.ptp(values, axis=0).max() > SAME_POSE)
+
     def pose_columns(self, frame: str) -> dict[str, Array]:
         """Pose of the frame in the root at the stamps of its fastest transform; none where `missing` says why."""
         from scipy.spatial.transform import Rotation  # slow to import
@@ -95,10 +103,15 @@ class TransformTree:
             return "the header of the wrench names no frame that tf could lead to"
         moving = [child for child in self.series if self.is_moving(child)]
         chain, root, roots = self.chain(frame), self.root(frame), {self.root(child) for child in moving}
+        if root in chain:
+            return f"tf leads from {frame} round to {root} again"
         twice = [child for child in chain if len({t.parent for t in self.series[child]}) > 1]
         if twice:
             parents = " and ".join(sorted({transform.parent for transform in self.series[twice[0]]}))
             return f"tf gives {twice[0]} two parents, {parents}"
+        changed = [child for child in chain if not self.is_moving(child) and self._changes(child)]
+        if changed:
+            return f"tf gives {changed[0]} two poses in {self.series[changed[0]][0].parent}, where it is at rest"
         if any(child in moving for child in chain):
             alike = len(self._common_stamps(frame)) >= FEWEST_STAMPS
             return "" if alike else f"the transforms from {root} to {frame} have no time in common"
@@ -231,6 +244,7 @@ class _Topics:
         self.frames: dict[str, str] = {}
         self.lateness: dict[str, list[float]] = {}
         self.transforms: list[Transform] = []
+        self.no_poses: list[str] = []
         self.messages = 0
 
     def add(self, topic: str, header: Any, received: float, values: Mapping[str, float]) -> float:
@@ -259,6 +273,10 @@ class _Topics:
             path = " - ".join([tree.root(frame), *reversed(tree.chain(frame))])
             notes = [(f"pose composed along {path}", len(columns["stamp"]), False)]
             notes += [(apart, 1, False)] if (apart := tree.apart(frame)) else []
+            ignored = sum(child in tree.chain(frame) for child in self.no_poses)
+            notes += [("transforms without numbers or with a quaternion of zeros, ignored", ignored, True)] * bool(
+                ignored
+            )
         name = f"{self.source}:/tf ({frame})"
         return LogTable(name=name, kind=TF_CHAIN, columns=columns, wrench_frame=frame, notes=tuple(notes))
 
@@ -319,7 +337,10 @@ def _tf(topics: _Topics, topic: str, message: Any, received: float) -> None:
         place, turn = moved.translation, moved.rotation
         values = (place.x, place.y, place.z, turn.x, turn.y, turn.z, turn.w)
         parent, child = header.frame_id.strip("/"), stamped.child_frame_id.strip("/")
-        topics.transforms.append(Transform(parent, child, stamp or received, values, fixed))
+        if np.isfinite(values).all() and any(values[3:]):
+            topics.transforms.append(Transform(parent, child, stamp or received, values, fixed))
+        else:
+            topics.no_poses.append(child)  # tf2 ignores them too
         topics.messages += 1
 
 

@@ -79,8 +79,8 @@ ROUNDING = 1e-9
 """Size of a negative second moment about the centre of mass that is rounding, over the sum of those about the sensor
 origin, of which it is a difference: a tool that is flat, a line or a point has zeros."""
 THINNEST = 1e-12
-"""Least second moment about the centre of mass over their sum, of a tool for a simulator: of a flat one rounding, some
-1e-15, decides there about A + B >= C of its principal moments."""
+"""Least second moment about the centre of mass over the sum of those about the origin, of a tool for a simulator: of a
+flat one rounding, some 1e-15, decides there about A + B >= C of its principal moments."""
 SMALLEST_MOMENT = 1e-13
 """kg m²: MuJoCo takes principal moments from 1e-14 (mjEPS), this is ten times as much, and a grain of sand's."""
 STATED_FRAME = "frame in which"
@@ -237,7 +237,8 @@ class ToolInertia:
         inertia = self.required_inertia(name)
         moments = np.linalg.eigvalsh(inertia)
         second = moments.sum() / 2 - moments[::-1]
-        shape = ("", "flat", "a line", "a point")[int((second < THINNEST * second.sum()).sum()) if second.any() else 3]
+        size = second.sum() + self.mass * np.sum(self.centre_of_mass**2)
+        shape = ("", "flat", "a line", "a point")[int((second <= THINNEST * size).sum())]
         if shape or moments[0] < SMALLEST_MOMENT:
             shape = shape or f"below {SMALLEST_MOMENT:g} kg m²"
             what = f"{name} is for simulators, which refuse a tool that is {shape}: principal moments"

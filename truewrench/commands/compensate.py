@@ -72,15 +72,15 @@ def compensated(arguments: argparse.Namespace, saved: ModelFile, recording: Reco
 
 
 def written(arguments: argparse.Namespace, contact: ContactWrench) -> list[Path]:
-    """Write the files of one recording; return them."""
-    if arguments.out is not None:
-        with atomic_write(arguments.out) as path:
-            contact_table(contact).to_csv(path, index=False, float_format="%.9g")
+    """Write the files of one recording; return them. The bag comes first: its library may be missing."""
     if arguments.mcap is not None:
         from truewrench.files.wrench_bag import write_wrench_bag  # with the library of bags
 
         with atomic_write(arguments.mcap) as path:
             write_wrench_bag(contact, path)
+    if arguments.out is not None:
+        with atomic_write(arguments.out) as path:
+            contact_table(contact).to_csv(path, index=False, float_format="%.9g")
     return result_files(arguments)
 
 
@@ -113,8 +113,8 @@ def compensate_data_set(arguments: argparse.Namespace, saved: ModelFile) -> None
     without: list[int] = []
 
     def all_written() -> list[Path]:
+        without.append(write_features(contacts, arguments.lerobot))  # first: it refuses a data set that is damaged
         files = written(arguments, next(iter(contacts.values()))) if len(contacts) == 1 else []
-        without.append(write_features(contacts, arguments.lerobot))
         return [*files, arguments.lerobot]
 
     def text() -> str:

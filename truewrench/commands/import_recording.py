@@ -47,6 +47,8 @@ def _require_known_suffix(out: Path) -> None:
     if out.suffix.lower() not in WRITTEN and not (out.exists() and not out.is_file()):
         what = f"recordings are not written as {quoted(out.suffix)}" if out.suffix else "its suffix names no format"
         raise InputError(what=what, where=str(out), remedy=f"give --out a name with one of {', '.join(WRITTEN)}")
+    if out.suffix.lower() in WRITTEN[1:]:
+        arrow()  # which may not be installed
 
 
 def _require_picture(path: Path) -> None:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 import os
 import shutil
+import stat
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from tempfile import mkdtemp
@@ -29,10 +31,14 @@ from truewrench.files.output import require_writable_folder
 
 Array = NDArray[np.float64]
 
-DAMAGED = (ValueError, KeyError, TypeError, AttributeError, pa.ArrowException)
-"""What statistics raise that are not as the format has them."""
+DAMAGED = (ValueError, LookupError, TypeError, AttributeError, pa.ArrowException)
+"""What files raise that are not as the format has them."""
 ROW = "row of the episode"
 """Signal that tells which row a sample was, whatever the reading left out or put on one clock."""
+CHANGING = (
+    "data/**/*.parquet", "meta/episodes/**/*.parquet", "meta/episodes_stats.jsonl", "meta/stats.json", "meta/info.json"
+)  # fmt: skip
+"""The files that change: rows, of which statistics are, and last the description, which names the features."""
 QUANTILES = {f"q{percent:02d}": percent / 100 for percent in (1, 10, 50, 90, 99)}
 STATISTICS = ("min", "max", "mean", "std", "count", *QUANTILES)
 """What a data set may state of a feature's rows, by its names there."""
@@ -69,7 +75,9 @@ def require_place(out: Path, given: str | Path) -> None:
     if out.resolve() != folder.resolve() and os.path.lexists(out):
         remedy = "give a new folder, or the data set itself to change it in its place"
         raise InputError(what="is there already", where=str(out), remedy=remedy)
-    require_writable_folder(out.absolute().parent)
+    changing = [path.parent for pattern in CHANGING for path in folder.glob(pattern)]
+    for place in dict.fromkeys(changing if out.resolve() == folder.resolve() else [out.absolute().parent]):
+        require_writable_folder(place)
 
 
 def write_features(contacts: Mapping[Path, ContactWrench], out: Path) -> int:
@@ -87,22 +95,40 @@ def write_features(contacts: Mapping[Path, ContactWrench], out: Path) -> int:
     }
     edits = _Edits(features, next(iter(contacts.values())))
     if out.resolve() == folder.resolve():
-        changed = edits.written(folder)
-        for new, old in changed.items():
-            os.replace(new, old)
+        _replace(edits.written(folder, folder))
     else:
         out.parent.mkdir(parents=True, exist_ok=True)
         copy = Path(mkdtemp(prefix=f".{out.name}-", dir=out.parent))
         try:
             shutil.copytree(folder, copy, dirs_exist_ok=True)
-            for new, old in edits.written(copy).items():
-                os.replace(new, old)
-            copy.chmod(folder.stat().st_mode)
+            _make_writable(copy)
+            _replace(edits.written(copy, folder))
             copy.rename(out)
         except BaseException:
+            _make_writable(copy)
             shutil.rmtree(copy, ignore_errors=True)
             raise
     return sum(not np.isfinite(values).any() for values in edits.contact.values())
+
+
+def _make_writable(copy: Path) -> None:
+    """Let the owner change the folders of a copy, whose original may be read-only."""
+    for place in [copy, *(path for path in copy.rglob("*") if path.is_dir())]:
+        place.chmod(place.stat().st_mode | stat.S_IRWXU)
+
+
+def _replace(changed: Mapping[Path, Path]) -> None:
+    """Put new files in the places of old ones; what interrupts it is raised when all are there."""
+    waiting = [*changed.items()]
+    try:
+        while waiting:
+            os.replace(*waiting[0])
+            del waiting[0]
+    except BaseException:
+        for new, old in waiting:
+            with suppress(OSError):
+                os.replace(new, old)
+        raise
 
 
 def _values(contact: ContactWrench) -> dict[str, tuple[Array, NDArray[np.intp]]]:
@@ -128,39 +154,47 @@ class _Edits:
         """Contact wrenches by episode, as they are written."""
         return self.rows[CONTACT]
 
-    def written(self, folder: Path) -> dict[Path, Path]:
-        """Write every file that changes beside the one in `folder` that it is to replace; none if one cannot be."""
-        changed: dict[Path, Path] = {}
+    def written(self, folder: Path, given: Path) -> dict[Path, Path]:
+        """Write every file that changes beside the one in `folder` that it is to replace; none if one cannot be.
 
-        def beside(path: Path) -> Path:
+        `given` is the data set that messages name, of which `folder` may be a copy.
+        """
+        writers = (
+            self._write_rows, self._write_episode_table, self._write_episode_lines, self._write_statistics,
+            self._write_description,
+        )  # fmt: skip
+        files = [
+            (w, path) for pattern, w in zip(CHANGING, writers, strict=True) for path in sorted(folder.glob(pattern))
+        ]
+        changed: dict[Path, Path] = {}
+        for write, path in files:
             new = path.with_name(f".{path.name}.new")
             changed[new] = path
-            return new
-
-        try:
-            for path in sorted(folder.glob("data/**/*.parquet")):
-                self._write_rows(path, beside(path))
-            for path in sorted(folder.glob("meta/episodes/**/*.parquet")):
-                self._write_episode_table(path, beside(path))
-            if (path := folder / "meta" / "episodes_stats.jsonl").is_file():
-                self._write_episode_lines(path, beside(path))
-            if (path := folder / "meta" / "stats.json").is_file():
-                stats = json.loads(path.read_text(encoding="utf-8"))
-                names = _names_of([stats])
-                stats |= {f: s for f in self.names if (s := self._statistics(f, names, self.rows[f].values()))}
-                beside(path).write_text(json.dumps(stats, indent=4), encoding="utf-8")
-            path = folder / "meta" / "info.json"
-            info = json.loads(path.read_text(encoding="utf-8"))
-            info["features"] |= self._described(info)
-            beside(path).write_text(json.dumps(info, indent=4, ensure_ascii=False), encoding="utf-8")
-        except BaseException as error:
-            for new in changed:
-                new.unlink(missing_ok=True)
-            if isinstance(error, DAMAGED):
-                what = f"its statistics are not those of a LeRobot data set: {type(error).__name__}"
-                raise InputError(what=what, where=str(changed[new]), remedy="give a data set that is whole") from None
-            raise
+            try:
+                write(path, new)
+            except BaseException as error:
+                for begun in changed:
+                    begun.unlink(missing_ok=True)
+                where = str(given / path.relative_to(folder))
+                if isinstance(error, InputError):
+                    raise InputError(what=error.what, where=where, remedy=error.remedy) from None
+                if isinstance(error, DAMAGED):
+                    what = f"is not as a LeRobot data set has it: {type(error).__name__}"
+                    raise InputError(what=what, where=where, remedy="give a data set that is whole") from None
+                raise
         return changed
+
+    def _write_statistics(self, path: Path, new: Path) -> None:
+        """Of all episodes."""
+        stats = json.loads(path.read_text(encoding="utf-8"))
+        names = _names_of([stats])
+        stats |= {f: s for f in self.names if (s := self._statistics(f, names, self.rows[f].values()))}
+        new.write_text(json.dumps(stats, indent=4), encoding="utf-8")
+
+    def _write_description(self, path: Path, new: Path) -> None:
+        info = json.loads(path.read_text(encoding="utf-8"))
+        info["features"] |= self._described(info)
+        new.write_text(json.dumps(info, indent=4, ensure_ascii=False), encoding="utf-8")
 
     def _described(self, info: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
         """The features in the words of the data set's description."""

@@ -96,19 +96,29 @@ def require_writable_folder(path: Path) -> None:
 def require_writable_files(written: Iterable[Path], read: Iterable[Path]) -> None:
     """Check before any work that files can be written, and that none of them is one that is read, by whatever name.
 
-    Links, hard ones too, and relative paths are other names of one file. A device or a pipe may be both. Raises
-    InputError.
+    Links, hard ones too, and relative paths are other names of one file. A device or a pipe may be both. Of a LeRobot
+    data set every file is read, and what is new in it would be taken for a part of it. Raises InputError.
     """
+    read = list(read)
     inputs = {identity: path for path in read if (identity := _file_identity(path)) is not None}
+    data_sets = [folder.resolve() for path in read if (folder := _data_set_of(path)) is not None]
     for path in written:
         if path.exists() and not path.is_file() and not path.is_dir():
             continue
         require_writable_folder(path.parent)
+        if any(path.resolve().is_relative_to(folder) for folder in data_sets):
+            raise InputError(what="is inside the data set", where=str(path), remedy="give --out a place beside it")
         if path.is_dir():
             raise InputError(what="is a folder", where=str(path), remedy="give --out the name of a file")
         if (identity := _file_identity(path)) in inputs:
             what = f"the result would replace {inputs[identity]}, which is read"
             raise InputError(what=what, where=str(path), remedy="give the result another name or folder")
+
+
+def _data_set_of(path: Path) -> Path | None:
+    """The folder of the LeRobot data set that a path is, or an episode of which it names; None of any other."""
+    folders = [path, *path.parents][:4] if path.name.startswith("episode_") else [path]
+    return next((folder for folder in folders if (folder / "meta" / "info.json").is_file()), None)
 
 
 def _file_identity(path: Path) -> tuple[int, int] | None:

@@ -9,6 +9,7 @@ from threading import Thread
 from weakref import finalize
 
 from diagnosis.study import Study
+from modeling.errors import InputError
 from truewrench.workbench.page import Start
 from truewrench.workbench.server import WorkbenchServer
 
@@ -33,6 +34,8 @@ class ShownStudy:
     """
 
     def __init__(self, study: Study, height: int) -> None:
+        if not (isinstance(height, int) and height > 0):
+            raise InputError(what=f"{height!r} is no number of pixels", where="height", remedy="give such as 800")
         self.height = height
         begun: SimpleQueue[WorkbenchServer | BaseException] = SimpleQueue()
         thread = Thread(target=_serve, args=(Start(study=study), begun), daemon=True)

@@ -167,7 +167,7 @@ ORIENTATION_COLUMNS = tuple(f"o{i}" for i in range(1, 5))
 QUANTITIES: Mapping[str, tuple[str, ...]] = {
     "Forces": ("fx", "fy", "fz"),
     "Torques; in the plane tau alone": ("tx", "ty", "tz", "tau"),
-    "Orientation, in the order of its form; of three angles the first three": ORIENTATION_COLUMNS,
+    "Orientation, in the order of its form; of three angles the first three, in the plane one": ORIENTATION_COLUMNS,
     "Or joint angles, with a rig file": tuple(f"q{i}" for i in range(1, 8)),
     "Position, if there is one": ("px", "py", "pz"),
     "Time": ("time",),
@@ -216,7 +216,9 @@ def map_data(request: Mapping[str, Any]) -> dict[str, Any]:
             raise InputError(what=f"{quoted(column)} is both {name} and {twice}", where="columns", remedy=remedy)
     turned = [chosen.pop(name) for name in ORIENTATION_COLUMNS if name in chosen]
     data: dict[str, Any] = dict(chosen)
-    if turned:
+    if len(turned) == 1:
+        data["phi"] = turned[0]
+    elif turned:
         data |= {"orientation_columns": turned, "orientation": str(request.get("orientation") or ORIENTATIONS[0])}
     units = {kind: str(request[f"unit_{kind}"]) for kind in UNIT_KINDS if request.get(f"unit_{kind}")}
     return data | ({"units": units} if units else {})

@@ -225,8 +225,10 @@ class StudyActions:
         try:
             return self._begin(*files, form, None)
         except InputError as error:
-            columns = None if form.map or form.preset else Columns.of(files[0], error)
-            if columns is None or "recognised" not in error.what:
+            of_training = any(Path(path).name in error.where for path in files[0])  # one map is of all files
+            asked_for = of_training and "recognised" in error.what and not (form.map or form.preset)
+            columns = Columns.of(files[0], error) if asked_for else None
+            if columns is None:
                 raise
             self._unread = (*files, form, columns)
             return PageUpdate({"columns": columns_words(columns)})

@@ -347,6 +347,39 @@ def test_a_frame_without_one_pose_is_refused(frame_id: str, said_of_it: str, tmp
         import_recording([path])
 
 
+@pytest.mark.parametrize(
+    ("parent", "child", "said_of_it"),
+    [
+        ("ft_sensor", "base", "tf leads from ft_sensor round to ft_sensor again"),
+        ("tool0", "ft_sensor", "tf gives ft_sensor two poses in tool0, where it is at rest"),
+    ],
+)
+def test_a_tree_that_contradicts_itself_is_refused(parent: str, child: str, said_of_it: str, tmp_path: Path) -> None:
+    frame = original().iloc[:100]
+    bag = Bag(frame).wrench("/ft/raw", "ft_sensor", readings(frame)).tree()
+    with pytest.raises(InputError, match=said_of_it):
+        import_recording([bag.static(parent, child, FLANGE, LEVER).written(tmp_path / "bag")])
+
+
+def test_transforms_without_a_pose_are_ignored(tmp_path: Path) -> None:
+    frame = original().iloc[:200]
+    bag = Bag(frame).wrench("/ft/raw", "ft_sensor", readings(frame)).tree()
+    types = bag.store.types
+    for child, place, w in (("tool0", 0.0, 0.0), ("flange", np.nan, 1.0)):
+        head, ns = bag.header(0.4, "flange" if child == "tool0" else "link")
+        moved = types["geometry_msgs/msg/Transform"](
+            translation=types["geometry_msgs/msg/Vector3"](place, 0.0, 0.0),
+            rotation=types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, w),
+        )
+        stamped = types["geometry_msgs/msg/TransformStamped"](header=head, child_frame_id=child, transform=moved)
+        bag.add("/tf", "tf2_msgs/msg/TFMessage", ns, transforms=[stamped])
+    found = import_recording([bag.written(tmp_path / "bag")])
+    require_motion(found, frame)
+    assert "transforms without numbers or with a quaternion of zeros, ignored (2)" in " ".join(
+        str(found.report).split()
+    )
+
+
 def test_a_wrench_along_the_bases_axes_is_not_given_the_bases_pose(tmp_path: Path) -> None:
     frame = original().iloc[:100]
     path = Bag(frame).wrench("/external_wrench", "base", readings(frame)).tree().written(tmp_path / "bag")

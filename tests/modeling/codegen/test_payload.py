@@ -431,6 +431,21 @@ def test_boundary_of_consistency_is_possible() -> None:
                 tool.solid_inertia("urdf")
 
 
+def test_a_point_away_from_the_origin_is_one_whatever_its_rounding() -> None:
+    """Second moments that are all rounding say nothing of a shape."""
+    rng = np.random.default_rng(5)
+    for _ in range(20):
+        place = rng.uniform(-0.2, 0.2, 3)
+        values = theta().copy()
+        values[6:] = [
+            1.3,
+            *(1.3 * place),
+            *(1.3 * (place @ place * np.eye(3) - np.outer(place, place)))[np.triu_indices(3)],
+        ]
+        with pytest.raises(InputError, match="a tool that is a point: principal moments"):
+            ToolInertia.of(model_file(values).model, values, np.eye(len(values))).solid_inertia("mjcf")
+
+
 def test_stds_are_the_scatter_of_tools_drawn_from_the_covariance() -> None:
     """Also in a turned frame: 4000 draws give a std to 1.1 %, of which 6.7 % are six, for each of 12 numbers."""
     rng = np.random.default_rng(3)

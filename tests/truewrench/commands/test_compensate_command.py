@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -281,6 +283,17 @@ unit = "N"
 """
 
 
+def test_without_the_library_of_bags_nothing_is_written(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.delitem(sys.modules, "truewrench.files.wrench_bag", raising=False)
+    monkeypatch.setitem(sys.modules, "rosbags.rosbag2", None)
+    out, bag = tmp_path / "contact.csv", tmp_path / "contact.mcap"
+    assert main(["compensate", bench.model, bench.pushed, "--out", str(out), "--mcap", str(bag)]) == 2
+    assert list(tmp_path.iterdir()) == []
+    assert capsys.readouterr().err.count("\n") == 1
+
+
 def test_a_budget_goes_from_the_fit_to_the_contact(
     bench: Bench, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -480,6 +493,25 @@ def test_a_data_set_that_cannot_be_written_is_one_line(
     assert sorted(path.name for path in tmp_path.iterdir()) == ["in", "run.csv", "there"]
 
 
+def test_a_result_never_replaces_a_file_of_the_data_set(
+    drag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data_set = lerobot_data_set(original().iloc[:200], tmp_path / "in", "v3.0")
+    (rows,) = data_set.glob("data/**/*.parquet")
+    before = contents(data_set)
+    info, episode = data_set / "meta" / "info.json", data_set / "episode_000000"
+    for command in (
+        ["compensate", drag, episode, "--out", rows],
+        ["compensate", drag, episode, "--lerobot", tmp_path / "out", "--mcap", data_set / "new.mcap"],
+        ["import", data_set, "--out", rows],
+        ["fit", episode, "--out", info],
+        ["diagnose", data_set, "--out", data_set],
+    ):
+        assert main([str(word) for word in command]) == 2
+        assert "is inside the data set; give" in capsys.readouterr().err
+        assert contents(data_set) == before
+
+
 def test_a_feature_of_another_shape_is_not_written_over(
     drag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -496,6 +528,96 @@ def test_a_feature_of_another_shape_is_not_written_over(
     assert contents(data_set) == before
 
 
+def rewritten(folder: Path, kind: str) -> None:
+    """Spoil how the file of rows says whose they are."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    (path,) = folder.glob("data/**/*.parquet")
+    table = pq.read_table(path)
+    numbers = table.column("episode_index").to_pylist()
+    place = table.column_names.index("episode_index")
+    if kind == "two files":
+        pq.write_table(table.slice(1500), path.with_name("file-001.parquet"))
+        table = table.slice(0, 1500)
+    elif kind == "cut off":
+        path.write_bytes(path.read_bytes()[:5000])
+        return
+    else:
+        other = pa.array([None, *numbers[1:]] if kind == "null" else [str(number) for number in numbers])
+        table = (
+            table.drop_columns("episode_index") if kind == "none" else table.set_column(place, "episode_index", other)
+        )
+    pq.write_table(table, path)
+
+
+@pytest.mark.parametrize(
+    ("kind", "said"),
+    [
+        ("two files", "file-001.parquet: episode 1 is in file-000.parquet too"),
+        ("cut off", "file-000.parquet: cannot be read as Parquet"),
+        *((kind, "episode_index is not a whole number in each row") for kind in ("null", "text", "none")),
+    ],
+)
+def test_rows_that_are_of_no_certain_episode_are_one_line(
+    kind: str, said: str, drag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data_set = lerobot_data_set(original().iloc[:1000], tmp_path / "in", "v3.0", episodes=3)
+    rewritten(data_set, kind)
+    for given in (data_set, data_set / "episode_000001"):
+        assert main(["compensate", str(drag), str(given), "--lerobot", str(tmp_path / "out")]) == 2
+        printed = capsys.readouterr()
+        assert said in printed.err
+        assert printed.err.count("\n") == 1
+        assert [path.name for path in tmp_path.iterdir()] == ["in"]
+
+
+def test_rows_among_those_of_other_episodes_are_told_apart(drag: Path, tmp_path: Path) -> None:
+    import pyarrow.parquet as pq
+
+    frame, out = original().iloc[:1000], tmp_path / "out"
+    data_set = lerobot_data_set(frame, tmp_path / "in", "v3.0", episodes=3)
+    (path,) = data_set.glob("data/**/*.parquet")
+    pq.write_table(pq.read_table(path).sort_by("frame_index"), path)
+    np.testing.assert_allclose(tw.read(data_set / "episode_000001").wrench[:, 0], frame["fx"], atol=1e-12)
+    assert main(["compensate", str(drag), str(data_set / "episode_000001"), "--lerobot", str(out)]) == 0
+    values, episodes = np.stack(rows_of(out)[CONTACT].to_list()), rows_of(out)["episode_index"]
+    np.testing.assert_array_equal(np.isfinite(values).all(axis=1), episodes == 1)
+
+
+def test_a_copy_of_a_read_only_data_set_can_be_changed(drag: Path, tmp_path: Path) -> None:
+    data_set, out = lerobot_data_set(original().iloc[:1000], tmp_path / "in", "v2.1"), tmp_path / "out"
+    folders = [data_set, *(path for path in data_set.rglob("*") if path.is_dir())]
+    for folder in folders:
+        folder.chmod(0o555)
+    try:
+        assert main(["compensate", str(drag), str(data_set), "--lerobot", str(out)]) == 0
+    finally:
+        for folder in folders:
+            folder.chmod(0o755)
+    assert {path.stat().st_mode & 0o777 for path in [out, *out.rglob("*")] if path.is_dir()} == {0o755}
+    assert CONTACT in rows_of(out)
+
+
+def test_a_change_that_is_interrupted_is_whole(drag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Interrupted while its files take their places: all do."""
+    data_set = lerobot_data_set(original().iloc[:1000], tmp_path / "in", "v3.0")
+    out = tmp_path / "out"
+    assert main(["compensate", str(drag), str(data_set), "--lerobot", str(out)]) == 0
+    replace, calls = os.replace, []
+
+    def interrupted(new: Path, old: Path) -> None:
+        calls.append(old)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        replace(new, old)
+
+    monkeypatch.setattr(os, "replace", interrupted)
+    assert main(["compensate", str(drag), str(data_set), "--lerobot", str(data_set)]) == 130
+    assert len(calls) == 5
+    assert contents(data_set) == contents(out)
+
+
 @pytest.mark.parametrize("text", ["{", "[]\n", '{"episode_index": 0}\n', '{"episode_index": 0, "stats": {"a": 3}}\n'])
 def test_broken_statistics_are_one_line(
     text: str, drag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -503,9 +625,10 @@ def test_broken_statistics_are_one_line(
     data_set = lerobot_data_set(original().iloc[:1000], tmp_path / "in", "v2.1")
     (data_set / "meta" / "episodes_stats.jsonl").write_text(text, encoding="utf-8")
     before = contents(data_set)
+    table = ["--out", str(tmp_path / "contact.csv")]
     for out in (data_set, tmp_path / "out"):
-        assert main(["compensate", str(drag), str(data_set), "--lerobot", str(out)]) == 2
-        assert "its statistics are not those of a LeRobot data set" in capsys.readouterr().err
+        assert main(["compensate", str(drag), str(data_set), "--lerobot", str(out), *table]) == 2
+        assert f"{data_set / 'meta' / 'episodes_stats.jsonl'}: is not as a LeRobot" in capsys.readouterr().err
         assert contents(data_set) == before
         assert [path.name for path in tmp_path.iterdir()] == ["in"]
 

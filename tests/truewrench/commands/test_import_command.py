@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -54,6 +55,16 @@ def test_the_recording_that_it_writes_is_read(suffix: str, tmp_path: Path, capsy
     recording = tw.read(out)
     assert recording.reading is None  # a recording as it stands
     np.testing.assert_allclose(recording.wrench, frame[CHANNELS], atol=1e-9)
+
+
+def test_without_pyarrow_no_parquet_is_begun(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = FORMATS["semicolons"](part(), tmp_path)
+    monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
+    code, text, error = run(capsys, "import", *files, "--out", tmp_path / "run.parquet")
+    assert (code, text, error.count("\n")) == (2, "", 1)
+    assert 'pip install "truewrench[logs]"' in error
 
 
 def test_json_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -13,6 +13,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
+from modeling.errors import InputError
 from tests.shared.results import RESULTS
 from tests.truewrench.workbench.requests import answer, answered
 from truewrench.workbench.server import MOST_PAGES
@@ -86,7 +87,11 @@ def test_every_answer_refuses_frames_and_referrers(address: str, path: str) -> N
 
 def test_only_notebooks_of_this_machine_show_a_study_in_a_frame() -> None:
     """Guarded as any page; when it is closed, nobody answers."""
-    shown = RESULTS["study"]().show(500)
+    study = RESULTS["study"]()
+    for height in (0, -5, "tall"):
+        with pytest.raises(InputError, match="is no number of pixels"):
+            study.show(height)
+    shown = study.show(500)
     response, text = answered(shown.address)
     frames = response.headers["Content-Security-Policy"].split()
     assert (response.status, frames[0]) == (200, "frame-ancestors")

@@ -112,6 +112,32 @@ def test_columns_are_asked_for_only_where_there_are_any(tmp_path: Path) -> None:
         asked(actions, "pick", **PICKED)
 
 
+def test_columns_of_a_held_out_log_alone_are_not_chosen(odd_log: Path, tmp_path: Path) -> None:
+    """One map is of all files: what it says of the held-out one, the others have not."""
+    named = {"t": "time", **{f"k{i}": name for i, name in enumerate(("fx", "fy", "fz", "tx", "ty", "tz"), 1)}}
+    text = odd_log.read_text(encoding="utf-8")
+    for old, new in {**named, "g1": "yaw_deg", "g2": "pitch_deg", "g3": "roll_deg"}.items():
+        text = re.sub(rf"\b{old}\b", new, text, count=1)
+    (tmp_path / "train.csv").write_text(text, encoding="utf-8")
+    actions = StudyActions(lambda _text: None)
+    with pytest.raises(InputError, match=r"odd.csv: no wrench is recognised"):
+        asked(actions, "open", recordings=[str(tmp_path / "train.csv")], validate=[str(odd_log)])
+
+
+def test_one_column_of_orientation_is_the_angle_of_a_planar_log(tmp_path: Path) -> None:
+    """A mass of 1 kg 0.1 m from the sensor that swings."""
+    t, rng = np.arange(500) / 100, np.random.default_rng(7)
+    angle = 1.2 * np.sin(2 * t) + 0.3 * np.sin(5 * t)
+    wrench = np.column_stack([-9.81 * np.sin(angle), -9.81 * np.cos(angle), -0.981 * np.sin(angle)])
+    columns = np.column_stack([t, wrench + rng.standard_normal((500, 3)) * [0.05, 0.05, 0.01], angle])
+    path = tmp_path / "planar.csv"
+    np.savetxt(path, columns, delimiter=",", header="t,k1,k2,k3,g1", comments="")
+    actions = StudyActions(lambda _text: None)
+    asked(actions, "open", recordings=[str(path)])
+    asked(actions, "pick", time="t", fx="k1", fy="k2", tau="k3", o1="g1")
+    assert actions.study.fit.recordings[0].channels == ("fx", "fy", "tau")
+
+
 @pytest.mark.long(seconds=6)
 def test_first_estimates_tell_the_forms_of_an_orientation_apart(odd_log: Path) -> None:
     """XYZ is the same to the weight of a base on its side, and comes second."""
