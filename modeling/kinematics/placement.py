@@ -9,6 +9,8 @@ from functools import lru_cache
 from math import atan2, cos, hypot, inf, isfinite, sin
 from typing import Any
 
+import numpy as np
+
 from modeling import symbolic as sp
 from modeling.space import Space, signals
 
@@ -149,6 +151,19 @@ class Joint:
 
 Inertia = tuple[float, float, float, float, float, float]
 """Ixx, Ixy, Ixz, Iyy, Iyz, Izz, kg m²."""
+ROUNDED = 0.02
+"""Of the largest principal moment, what rounding may make impossible: a thin body's moments of two digits are a body's."""
+
+
+def is_possible(inertia: Sequence[float]) -> bool:
+    """Whether a body may have this inertia (an `Inertia`) about its centre.
+
+    No principal moment is negative, and none is larger than both others together.
+    """
+    xx, xy, xz, yy, yz, zz = inertia
+    least, middle, largest = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    spare = ROUNDED * abs(largest)
+    return bool(least >= -spare and least + middle >= largest - spare)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -20,6 +20,7 @@ from modeling.kinematics.placement import (
     Placement,
     Quaternion,
     Vector3,
+    is_possible,
     rotated_vector,
     translated,
 )
@@ -87,7 +88,7 @@ def drive_data(path: str | Path, sensor_frame: str | None) -> DriveData:
     """The bodies that the joints up to the sensor's frame move, and what these joints state.
 
     Links of other branches move with the link that they branch from, those of a gripper too: their joints are taken at
-    coordinate zero. Raises InputError as `read_urdf` does, and for a mass that is negative.
+    coordinate zero. Raises InputError as `read_urdf` does, and for a negative mass or an impossible inertia.
     """
     moved = _MovedLinks.of(path, sensor_frame)
     read = [_body(link, str(path), placement, joint) for link, joint, placement in moved.links() if joint]
@@ -192,7 +193,11 @@ def _body(link: ElementTree.Element, file: str, placement: Placement, joint: int
         raise read.error(f"its mass is {mass:g} kg", "correct it")
     names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
     xx, xy, xz, yy, yz, zz = (read.numbers("inertia", name, "0", 1)[0] for name in names)
-    own = Body(joint=0, mass=mass, centre=(0.0, 0.0, 0.0), inertia=(xx, xy, xz, yy, yz, zz))
+    inertia = (xx, xy, xz, yy, yz, zz)
+    if not is_possible(inertia):
+        stated = ", ".join(f"{name} {moment:g}" for name, moment in zip(names, inertia, strict=True))
+        raise read.error(f"no body has its moments of inertia, {stated} kg m²", "correct them")
+    own = Body(joint=0, mass=mass, centre=(0.0, 0.0, 0.0), inertia=inertia)
     return own.moved(placement.then(read.placement), joint) if mass else None
 
 

@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from design.clearance import ArmPlaces, Clearances, clearances, nearest_on_segments
-from design.limits import LimitUse
+from design.limits import LimitUse, use_at_rest
 from design.random_feasible import random_feasible_trajectory
 from design.trajectories.fourier import FreeSeries
 from design.trajectory_design import design
@@ -261,6 +261,35 @@ def test_a_stated_capsule_takes_the_place_of_its_links_geometry(tmp_path: Path) 
     assert of.workspace is not None
     assert [c.radius for c in of.workspace.capsules if c.name == "fore"] == [0.08]
     assert len(of.workspace.capsules) == len(SOLIDS)
+
+
+def test_what_is_fixed_to_a_mounted_base_is_mounted_with_it(tmp_path: Path) -> None:
+    """Upside down on a ceiling: geometry and capsules of the base hang below it, an obstacle is where it is stated."""
+    path = with_solids(tmp_path, {"base": '<sphere radius="0.08"/>'})
+    robot = {"urdf": str(path), "sensor_frame": "tool0", "gravity_direction": [0, 0, 1]}
+    stated = [{"start": [0, 0, 0.5], "radius": 0.1}]
+    turned = {"robot": robot, "workspace": {"capsules": "urdf"}}
+    fitted = Rig.from_data(turned | {"capsule": stated}).workspace
+    named = Rig.from_data({"robot": robot, "capsule": [BALL | {"link": "base", "start": [0.0, 0.0, 0.3]}]}).workspace
+    assert fitted is not None
+    assert named is not None
+    heights = [capsule.start[2] for capsule in (*fitted.capsules, *named.capsules)]
+    np.testing.assert_allclose(heights, [0.5, 0.03, -0.3], atol=1e-12)
+
+
+def test_far_along_a_track_a_clearance_is_within_its_limits(tmp_path: Path) -> None:
+    path = tmp_path / "track.urdf"
+    slide = '<parent link="base"/><child link="car"/><axis xyz="1 0 0"/>'
+    path.write_text(
+        f'<robot name="track"><link name="base"/><link name="car"/><joint name="s" type="prismatic">{slide}</joint></robot>'
+    )
+    bounds = {"position": [[0.0, 30.0]], "velocity": [1.0], "acceleration": [1.0]}
+    capsules = [{"joint": 1, "start": [0, 0, 0], "radius": 0.1}, {"start": [0, 0, 0], "radius": 0.1}]
+    robot = {"urdf": str(path), "sensor_frame": "car"}
+    of = Rig.from_data({"robot": robot, "limits": bounds, "capsule": capsules})
+    assert of.limits is not None
+    use = use_at_rest(np.array([[0.19], [0.21], [29.5]]), of.limits, of.workspace, of.arm, None)
+    assert (use > 1).tolist() == [True, False, False]
 
 
 @pytest.mark.long(8)

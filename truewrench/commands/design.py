@@ -96,7 +96,7 @@ def show(request: DesignRequest, plan: Plan, reasons: Sequence[str]) -> None:
             write(request, plan, arguments.out)
         for path in arguments.play:
             names = request.joint_names
-            say(write_played(plan.motion, path, request.rig.limits, names, arguments.samples))
+            say(write_played(plan.motion, path, request.rig.limits, names, arguments.samples, request.rig))
         return result_files(arguments)
 
     excluded = f"\nexcluded, because no trajectory can be designed for them: {', '.join(request.left_out)}"
