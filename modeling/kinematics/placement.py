@@ -9,8 +9,6 @@ from functools import lru_cache
 from math import atan2, cos, hypot, inf, isfinite, sin
 from typing import Any
 
-import numpy as np
-
 from modeling import symbolic as sp
 from modeling.space import Space, signals
 
@@ -151,19 +149,21 @@ class Joint:
 
 Inertia = tuple[float, float, float, float, float, float]
 """Ixx, Ixy, Ixz, Iyy, Iyz, Izz, kg m²."""
-ROUNDED = 0.02
-"""Of the largest principal moment, what rounding may make impossible: a thin body's moments of two digits are a body's."""
+ROUNDED = 0.01
+"""Of half the sum of the moments, what rounding may make impossible: a thin body's moments of two digits are a body's."""
 
 
 def is_possible(inertia: Sequence[float]) -> bool:
     """Whether a body may have this inertia (an `Inertia`) about its centre.
 
-    No principal moment is negative, and none is larger than both others together.
+    Its mass is at real distances: the sum of p p' dm, half the trace less the inertia, has no negative eigenvalue. With
+    what rounding may do added on its diagonal, its leading minors are positive.
     """
     xx, xy, xz, yy, yz, zz = inertia
-    least, middle, largest = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    spare = ROUNDED * abs(largest)
-    return bool(least >= -spare and least + middle >= largest - spare)
+    half = (xx + yy + zz) / 2
+    a, b, c = (half * (1 + ROUNDED) - moment for moment in (xx, yy, zz))
+    det = a * (b * c - yz * yz) - xy * (xy * c + yz * xz) - xz * (xy * yz + b * xz)
+    return min(a, a * b - xy * xy, det) >= 0
 
 
 @dataclass(frozen=True, kw_only=True)

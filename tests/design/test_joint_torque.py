@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from argparse import Namespace
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -24,6 +25,7 @@ from modeling.errors import InputError
 from modeling.kinematics.urdf import drive_data
 from modeling.rig import Rig
 from tests.shared.places import URDF
+from truewrench.commands.design_request import DesignRequest
 
 Array = NDArray[np.float64]
 
@@ -253,6 +255,15 @@ def test_an_inertia_that_no_body_has_is_refused_and_a_rounded_one_is_stored(tmp_
         Rig.from_data(data)
     path.write_text(whole.sub('ixx="0.031" iyy="0.015" izz="0.0157"', text, count=1))  # of a plate
     assert Rig.from_data(Rig.from_data(data).to_data()).limits is not None
+
+
+def test_that_the_tool_of_a_model_is_not_carried_is_said_where_torques_are_limited(tmp_path: Path) -> None:
+    of, options = rig(tmp_path), Namespace()
+    assert of.limits is not None
+    saved: Any = object()
+    assert "tool of the model file is not added" in DesignRequest(options, of, saved).not_carried
+    assert not DesignRequest(options, of, None).not_carried
+    assert not DesignRequest(options, replace(of, limits=replace(of.limits, torque=None)), saved).not_carried
 
 
 # ------------------------------------------------------------------------- motions that cannot be

@@ -88,6 +88,8 @@ def run(arguments: argparse.Namespace) -> None:
 def show(request: DesignRequest, plan: Plan, reasons: Sequence[str]) -> None:
     """Write and print a result, after the sentences that say why it is designed."""
     arguments = request.options
+    if request.not_carried:
+        say(request.not_carried)
 
     def written() -> list[Path]:
         if plan.motion is None or request.rig.limits is None:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from design.discrimination import DesignSetting, DiscriminationDesign, with_effect_replaced
+from design.discrimination.discriminating_trajectory import RARE
 from diagnosis.next_experiment import IntervalDesign, KnownEstimates
 from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel
@@ -69,7 +70,7 @@ class NextQuestion:
         times = f"{plan.runs} run{'s' * (plan.runs > 1)} of it alone"
         if likely is None:
             return f"the motion shows the difference with lambda {min(p.after for p in plan.pairs):.3g} in {times}"
-        return f"expected probability of taking one for the other: {max(likely, 1e-6):.2g} at most after {times}"
+        return f"expected probability of taking one for the other: {max(likely, RARE):.2g} at most after {times}"
 
     def narrowing(self, plan: IntervalDesign) -> str:
         """What is widest, and how wide it is expected to be after the motion."""
@@ -96,6 +97,7 @@ def _result(path: Path) -> dict[str, Any]:
         isinstance(effects, list)
         and all(isinstance(e, dict) and isinstance(e.get("id"), str) for e in effects)
         and all(isinstance(e.get("confusable_with", []), list) for e in effects)
+        and all(isinstance(other, str) for e in effects for other in e.get("confusable_with", []))
         and isinstance(data.get("verdict"), str)
         and isinstance(data.get("parameters"), dict)
         and isinstance(data.get("readings", []), list)

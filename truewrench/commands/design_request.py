@@ -30,7 +30,7 @@ from modeling.rig import Convention, Rig
 from modeling.space import Space
 from truewrench.files.model_file import ModelFile
 from truewrench.files.played_motion import played_format
-from truewrench.options import available_cores
+from truewrench.options import available_cores, model_beside
 
 ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 """Of Ctrl-C, and of `timeout` or a job scheduler."""
@@ -59,7 +59,7 @@ class DesignRequest:
                 raise InputError(what=what, where="--play", remedy="add --series rest")
         path = options.model
         if path is None and options.next is not None:
-            path = model_beside(options.next)
+            path = _require_beside(options.next)
         saved = None if path is None else ModelFile.read(path)
         return cls(options, Rig.read(options.rig), saved)
 
@@ -86,6 +86,17 @@ class DesignRequest:
     def left_out(self) -> list[str]:
         """Ids of the effects of the model file for which no trajectory can be designed."""
         return [] if self.saved is None else [e.id for e in self.saved.model.effects if not e.designable]
+
+    @property
+    def not_carried(self) -> str:
+        """A sentence on the tool of the model file where torques are limited: the joints may not be known to carry it."""
+        limits = self.rig.limits
+        if self.saved is None or limits is None or limits.torque is None:
+            return ""
+        return (
+            "Torque limits are kept with the masses of the URDF and of [[body]] in the rig file; the tool of the model"
+            " file is not added to them."
+        )
 
     @property
     def values(self) -> dict[str, float] | None:
@@ -173,9 +184,9 @@ class DesignRequest:
                 raise
 
 
-def model_beside(result: Path) -> Path:
+def _require_beside(result: Path) -> Path:
     """model.json in the folder of result.json; InputError where one of them is not there."""
-    path = result.parent / "model.json"
+    path = model_beside(result)
     if not result.is_file():
         raise InputError(
             what="No such file", where=str(result), remedy="give result.json of `truewrench diagnose --out`"
