@@ -570,7 +570,7 @@ def _place(
     joint, link = table["joint"] or 0, table["link"]
     if link is not None:
         if link not in links:
-            what = f"{called}.link: no link '{link}' between the root and the sensor"
+            what = f"{called}.link: the URDF has no link '{link}'"
             raise InputError(what=what, where=where, remedy=f"name one of {', '.join(links)}")
         joint, frame = links[link]
         return joint, frame

@@ -158,7 +158,7 @@ BALL = {"link": "fore", "start": [0, 0, 0], "radius": 0.1}
 @pytest.mark.parametrize(
     ("others", "said"),
     [
-        ({"capsule": [BALL | {"link": "leg"}]}, "no link 'leg'"),
+        ({"capsule": [BALL | {"link": "leg"}]}, "has no link 'leg'"),
         ({"capsule": [BALL | {"joint": 2}]}, "got both"),
         ({"capsule": [BALL | {"radius": 0.0}]}, "radius"),
         ({"capsule": [BALL | {"start": [0, 0]}]}, "start"),
@@ -261,6 +261,19 @@ def test_a_stated_capsule_takes_the_place_of_its_links_geometry(tmp_path: Path) 
     assert of.workspace is not None
     assert [c.radius for c in of.workspace.capsules if c.name == "fore"] == [0.08]
     assert len(of.workspace.capsules) == len(SOLIDS)
+
+
+def test_a_link_beside_the_sensor_can_be_named_where_its_geometry_is_a_mesh(tmp_path: Path) -> None:
+    """A finger's: it moves with the link that carries it, as the geometry that it stands for would."""
+    robot = {"urdf": str(with_solids(tmp_path, {"finger": '<sphere radius="0.02"/>'})), "sensor_frame": "tool0"}
+    fitted = Rig.from_data({"robot": robot, "workspace": {"capsules": "urdf"}}).workspace
+    robot["urdf"] = str(with_solids(tmp_path, {"finger": '<mesh filename="finger.stl"/>'}))
+    ball = {"link": "finger", "start": [0.1, 0.02, -0.03], "radius": 0.02}
+    stated = Rig.from_data({"robot": robot, "workspace": {"capsules": "urdf"}, "capsule": [ball]}).workspace
+    assert fitted is not None
+    assert stated is not None
+    assert stated.capsules[0].joint == fitted.capsules[0].joint > 0
+    np.testing.assert_allclose(stated.capsules[0].start, fitted.capsules[0].start, atol=1e-12)
 
 
 def test_what_is_fixed_to_a_mounted_base_is_mounted_with_it(tmp_path: Path) -> None:
