@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
@@ -557,7 +557,7 @@ def _capsule(
     return Capsule(name=name, joint=joint, start=start, end=end, radius=table["radius"])
 
 
-def _placed(ends: tuple[Sequence[float], Sequence[float]], frame: Placement) -> tuple[Vector3, Vector3]:
+def _placed(ends: Iterable[Sequence[float]], frame: Placement) -> tuple[Vector3, Vector3]:
     """Both ends of a capsule in the frame in which theirs has this placement."""
     (x, y, z), (i, j, k) = (translated(frame.position, rotated_vector(frame.quaternion, point)) for point in ends)
     return (x, y, z), (i, j, k)

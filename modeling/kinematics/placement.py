@@ -150,7 +150,7 @@ class Joint:
 Inertia = tuple[float, float, float, float, float, float]
 """Ixx, Ixy, Ixz, Iyy, Iyz, Izz, kg m²."""
 ROUNDED = 0.01
-"""Of half the sum of the moments, what rounding may make impossible: a thin body's moments of two digits are a body's."""
+"""Of half the sum of the moments, what rounding may make impossible: two digits of a thin body's moments may be so."""
 
 
 def is_possible(inertia: Sequence[float]) -> bool:

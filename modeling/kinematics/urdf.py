@@ -55,7 +55,7 @@ def read_urdf(path: str | Path, sensor_frame: str | None) -> SpatialArm:
 
 
 def link_frames(path: str | Path, sensor_frame: str | None) -> dict[str, tuple[int, Placement]]:
-    """Of each link: the joints up to the sensor's frame that move it, and its place in the frame that the last one moves.
+    """Of each link: the joints up to the sensor's frame that move it, and its place in the last one's frame.
 
     Joints of other branches, such as a gripper's, are taken at coordinate zero.
     """

@@ -292,10 +292,8 @@ def test_what_is_fixed_to_a_mounted_base_is_mounted_with_it(tmp_path: Path) -> N
 
 def test_far_along_a_track_a_clearance_is_within_its_limits(tmp_path: Path) -> None:
     path = tmp_path / "track.urdf"
-    slide = '<parent link="base"/><child link="car"/><axis xyz="1 0 0"/>'
-    path.write_text(
-        f'<robot name="track"><link name="base"/><link name="car"/><joint name="s" type="prismatic">{slide}</joint></robot>'
-    )
+    slide = '<joint name="s" type="prismatic"><parent link="base"/><child link="car"/><axis xyz="1 0 0"/></joint>'
+    path.write_text(f'<robot name="track"><link name="base"/><link name="car"/>{slide}</robot>')
     bounds = {"position": [[0.0, 30.0]], "velocity": [1.0], "acceleration": [1.0]}
     capsules = [{"joint": 1, "start": [0, 0, 0], "radius": 0.1}, {"start": [0, 0, 0], "radius": 0.1}]
     robot = {"urdf": str(path), "sensor_frame": "car"}

@@ -898,9 +898,7 @@ def test_no_result_replaces_what_is_read(
 
 
 @pytest.mark.parametrize("second", ["--play plan.csv", "--play a.yaml --play ./a.yaml"])
-def test_no_result_replaces_another(
-    second: str, inputs: Inputs, run: Runner, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_no_result_replaces_another(second: str, inputs: Inputs, run: Runner, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(inputs.folder)
     before = inputs.contents()
     refused(run(*f"design rig.toml --series rest --out plan.csv {second}".split()), "two results would have this name")

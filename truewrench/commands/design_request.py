@@ -52,16 +52,20 @@ class DesignRequest:
         """Read the rig and the model file; --out and --play are checked first."""
         if options.out is not None:
             _require_csv(options.out)
-        for path in options.play:
-            played_format(path)
-            if options.series != "rest":
-                what = f"a robot starts and ends at rest, and --series {options.series} in motion"
-                raise InputError(what=what, where="--play", remedy="add --series rest")
+        formats = {path: played_format(path) for path in options.play}
+        if formats and options.series != "rest":
+            what = f"a robot starts and ends at rest, and --series {options.series} in motion"
+            raise InputError(what=what, where="--play", remedy="add --series rest")
         path = options.model
         if path is None and options.next is not None:
             path = _require_beside(options.next)
         saved = None if path is None else ModelFile.read(path)
-        return cls(options, Rig.read(options.rig), saved)
+        request = cls(options, Rig.read(options.rig), saved)
+        for path, kind in formats.items():
+            if kind.joints not in (None, request.arm.joints):
+                what = f"{kind.title}, is of robots with {kind.joints} joints, and the arm has {request.arm.joints}"
+                raise InputError(what=what, where=str(path), remedy="give --play a name with .yaml or .csv")
+        return request
 
     @property
     def arm(self) -> Arm:
@@ -89,7 +93,7 @@ class DesignRequest:
 
     @property
     def not_carried(self) -> str:
-        """A sentence on the tool of the model file where torques are limited: the joints may not be known to carry it."""
+        """A sentence on the tool of the model file where torques are limited: what is carried is in the rig file."""
         limits = self.rig.limits
         if self.saved is None or limits is None or limits.torque is None:
             return ""

@@ -61,12 +61,14 @@ class Points:
 class PlayedFormat(ABC):
     """A file that a robot's controller plays, by its suffix.
 
-    rate  Hz, of the controller that reads it; None where it interpolates between points at any times
+    rate    Hz, of the controller that reads it; None where it interpolates between points at any times
+    joints  that its robots have; None where they may have any number
     """
 
     suffix: ClassVar[str]
     title: ClassVar[str]
     rate: ClassVar[float | None] = None
+    joints: ClassVar[int | None] = None
 
     @abstractmethod
     def text(self, points: Points, names: Sequence[str]) -> str:
@@ -112,7 +114,7 @@ class JointTrajectory(PlayedFormat):
 class UrScript(PlayedFormat):
     """URScript: a joint move to the start, then `servoj` in every cycle of an e-Series controller."""
 
-    suffix, title, rate = ".script", "URScript, servoj at 500 Hz", 500.0
+    suffix, title, rate, joints = ".script", "URScript, servoj at 500 Hz", 500.0, 6
 
     def text(self, points: Points, names: Sequence[str]) -> str:
         """The program."""
