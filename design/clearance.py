@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property, lru_cache
 from itertools import combinations
 
@@ -93,7 +93,7 @@ class Clearances:
     """Clearances (S,) of an arm's capsules at positions of its joints, m.
 
     Of each end of a moving capsule from each half-space, then of pairs of capsules: less the radii and the clearance
-    that is asked for, so that zero and more is allowed.
+    that is asked for, so that zero and more is allowed. `strokes` is how far all prismatic joints together may slide.
     """
 
     arm: SpatialArm
@@ -101,6 +101,7 @@ class Clearances:
     half_spaces: tuple[HalfSpace, ...]
     pairs: tuple[tuple[int, int], ...]
     clearance: float
+    strokes: float = 0.0
 
     @cached_property
     def _ends(self) -> tuple[Index, Array]:
@@ -138,9 +139,9 @@ class Clearances:
 
     @property
     def largest(self) -> float:
-        """m: more than any of them can be by a motion whose prismatic joints stay within a metre."""
+        """m: more than any of them can be by a motion whose prismatic joints stay within their strokes, or a metre."""
         joints, ends = self._ends
-        reach = float(self._reach(joints).max() + np.linalg.norm(ends, axis=1).max()) + 1.0
+        reach = float(self._reach(joints).max() + np.linalg.norm(ends, axis=1).max()) + max(1.0, self.strokes)
         return 2 * reach + max((abs(half.offset) for half in self.half_spaces), default=0.0)
 
     def values(self, q: Array) -> Array:
@@ -293,13 +294,15 @@ def clearances(workspace: Workspace | None, arm: Arm | None, position: Array) ->
 @lru_cache(maxsize=16)
 def _clearances(workspace: Workspace, arm: SpatialArm, position: tuple[tuple[float, float], ...]) -> Clearances | None:
     pairs = tuple(_pairs(workspace.capsules))
-    whole = Clearances(arm, workspace.capsules, workspace.half_spaces, pairs, workspace.clearance)
+    slides = [joint.kind is JointKind.PRISMATIC for joint in arm.chain]
+    strokes = float(np.abs(position).max(axis=1)[slides].sum())
+    whole = Clearances(arm, workspace.capsules, workspace.half_spaces, pairs, workspace.clearance, strokes)
     if pairs:
         low, high = np.array(position).T
         postures = np.random.default_rng(0).uniform(low, high, (POSTURES, len(low)))
         parts = np.any(whole.values(postures)[:, -len(pairs) :] > 0, axis=0)
         kept = tuple(pair for number, pair in enumerate(pairs) if parts[number])
-        whole = Clearances(arm, workspace.capsules, workspace.half_spaces, kept, workspace.clearance)
+        whole = replace(whole, pairs=kept)
     return whole if whole.names else None
 
 

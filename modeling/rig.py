@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
@@ -21,6 +21,7 @@ from modeling.kinematics.placement import (
     Direction,
     Placement,
     Vector3,
+    base_placement,
     rotated_vector,
     translated,
     unit_direction,
@@ -518,18 +519,22 @@ def _workspace(tables: RigTables, arm: SpatialArm | None, where: str, folder: Pa
         raise InputError(what=what, where=where, remedy="state robot.urdf, or leave them out")
     robot, sides = tables["robot"], {} if box is None else _stated(box)
     path, fitted, links = folder / (robot["urdf"] or ""), list[Capsule](), {}
+    direction = robot["gravity_direction"]
+    base = Placement() if arm is None or direction is None else base_placement(unit_direction(direction))
     if sides.get("capsules") is not None:
         if robot["urdf"] is None or robot["spatial_arm"] is not None:
             what = 'workspace.capsules: "urdf" is of arms that are read from one, and the rig names none'
             raise InputError(what=what, where=where, remedy="state robot.urdf, or leave it out")
         stated = {capsule["link"] for capsule in capsules}
         for name, joint, start, end, radius in _urdf_reader().collision_capsules(path, robot["sensor_frame"], stated):
+            start, end = _placed((start, end), Placement() if joint else base)
             fitted.append(Capsule(name=name, joint=joint, start=start, end=end, radius=radius))
         if not fitted and not stated:
             what = "workspace.capsules: no link of the URDF has collision geometry"
             raise InputError(what=what, where=where, remedy="state [[capsule]] of the links")
     if any(capsule["link"] is not None for capsule in capsules) and robot["urdf"]:
-        links = _urdf_reader().link_frames(path, robot["sensor_frame"])
+        frames = _urdf_reader().link_frames(path, robot["sensor_frame"])
+        links = {name: (joint, frame if joint else base.then(frame)) for name, (joint, frame) in frames.items()}
     listed = [_capsule(n, table, links, arm, where) for n, table in enumerate(capsules, start=1)]
     if half_spaces and not any(capsule.joint for capsule in (*listed, *fitted)):
         what = "[[half_space]]: no [[capsule]] moves with the arm, to be kept inside"
@@ -547,12 +552,15 @@ def _capsule(
 ) -> Capsule:
     """The capsule of a table, in the frame that its last joint moves."""
     joint, frame = _place(f"capsule[{number - 1}]", table, links, arm, where)
-    ends = (table["start"], table["end"] or table["start"])
-    start, end = (translated(frame.position, rotated_vector(frame.quaternion, point)) for point in ends)
+    start, end = _placed((table["start"], table["end"] or table["start"]), frame)
     name = table["name"] or table["link"] or (f"capsule {number}" if joint else f"obstacle {number}")
-    x, y, z = start
-    i, j, k = end
-    return Capsule(name=name, joint=joint, start=(x, y, z), end=(i, j, k), radius=table["radius"])
+    return Capsule(name=name, joint=joint, start=start, end=end, radius=table["radius"])
+
+
+def _placed(ends: Iterable[Sequence[float]], frame: Placement) -> tuple[Vector3, Vector3]:
+    """Both ends of a capsule in the frame in which theirs has this placement."""
+    (x, y, z), (i, j, k) = (translated(frame.position, rotated_vector(frame.quaternion, point)) for point in ends)
+    return (x, y, z), (i, j, k)
 
 
 def _place(
@@ -562,7 +570,7 @@ def _place(
     joint, link = table["joint"] or 0, table["link"]
     if link is not None:
         if link not in links:
-            what = f"{called}.link: no link '{link}' between the root and the sensor"
+            what = f"{called}.link: the URDF has no link '{link}'"
             raise InputError(what=what, where=where, remedy=f"name one of {', '.join(links)}")
         joint, frame = links[link]
         return joint, frame

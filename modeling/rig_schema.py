@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, Self, TypeVar, get_args
 
-import numpy as np
 from pydantic import (
     AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
+    Discriminator,
     Field,
+    Tag,
     TypeAdapter,
     ValidationError,
     model_validator,
@@ -19,7 +20,7 @@ from pydantic import (
 
 from modeling.errors import InputError, quoted, suggestion
 from modeling.kinematics.arm import SpatialArm
-from modeling.kinematics.placement import LARGEST_NUMBER, SMALLEST_NUMBER, unit_direction
+from modeling.kinematics.placement import LARGEST_NUMBER, SMALLEST_NUMBER, is_possible, unit_direction
 from modeling.space import Space
 
 Location = tuple[int | str, ...]
@@ -55,10 +56,16 @@ def _first_error(schema: type[StrictTable], error: ValidationError, where: str, 
     return InputError(what=f"{key}: {what}" if key else what, where=where, remedy=remedy)
 
 
+BRANCHES = ("limits by joint", "by the URDF")
+"""Kinds of an entry of which pydantic names one in the place of an error: they are no keys."""
+
+
 def _key(location: Location) -> str:
     """The place of a value, as in limits.position[0]."""
     key = ""
     for step in location:
+        if step in BRANCHES:
+            continue
         name = step if isinstance(step, int) or step.isidentifier() else quoted(step)
         key += f"[{name}]" if isinstance(step, int) else f".{name}"
     return key.lstrip(".").removesuffix(".[key]")
@@ -80,8 +87,6 @@ def _table_in(annotation: Any) -> Any:
 
 
 SPATIAL_ARM = TypeAdapter(SpatialArm)
-LEAST_MOMENT = 1e-9
-"""kg m²: by which rounding in a file may make a thin body's moments impossible; no link has as little."""
 LARGEST_GRAVITY = 100.0
 """m/s²: that of Jupiter is 25, and 9806 is in mm/s²."""
 
@@ -120,9 +125,7 @@ def _normal(components: list[float]) -> list[float]:
 
 
 def _inertia(moments: list[float]) -> list[float]:
-    xx, xy, xz, yy, yz, zz = moments
-    principal = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    if principal[0] + principal[1] < principal[2] - LEAST_MOMENT or principal[0] < -LEAST_MOMENT:
+    if not is_possible(moments):
         raise ValueError(f"expected Ixx, Ixy, Ixz, Iyy, Iyz, Izz of a body about its centre, got {moments}")
     return moments
 
@@ -151,6 +154,10 @@ PositiveNumber = Annotated[float, AfterValidator(_positive)]
 LimitPair = Annotated[tuple[float, float], BeforeValidator(symmetric_limits)]
 LimitPairs = Annotated[list[LimitPair], Field(min_length=1)]
 LimitInterval = Annotated[tuple[float, float], BeforeValidator(_span)]
+TorqueEntry = Annotated[
+    Annotated[LimitPairs, Tag(BRANCHES[0])] | Annotated[Literal["urdf"], Tag(BRANCHES[1])],
+    Discriminator(lambda value: BRANCHES[isinstance(value, str)]),
+]
 Joints = Annotated[list[Coordinate], Field(min_length=1)]
 Resistances = Annotated[list[Annotated[float, Field(ge=0, lt=LARGEST_NUMBER)]], Field(min_length=1)]
 Channel = Literal["fx", "fy", "fz", "tx", "ty", "tz", "tau"]
@@ -190,7 +197,7 @@ class LimitsTable(StrictTable):
     velocity: LimitPairs | None = None
     acceleration: LimitPairs | None = None
     jerk: LimitPairs | None = None
-    torque: LimitPairs | Literal["urdf"] | None = None
+    torque: TorqueEntry | None = None
     start: Joints | None = None
     end: Joints | None = None
 

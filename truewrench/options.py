@@ -84,7 +84,13 @@ def require_results_apart(
     if any(written):
         named = [given.get(name) or [] for name in READ]
         read = [Path(path) for paths in named for path in (paths if isinstance(paths, list) else [paths])]
-        require_writable_files(filter(None, written), [*read, *_urdf_of(given.get("rig"))])
+        beside = [] if given.get("next") is None else [model_beside(given["next"])]
+        require_writable_files(filter(None, written), [*read, *_urdf_of(given.get("rig")), *beside])
+
+
+def model_beside(result: Path) -> Path:
+    """The model file that `diagnose --out` writes beside result.json."""
+    return result.parent / "model.json"
 
 
 def _urdf_of(rig: str | None) -> list[Path]:

@@ -240,6 +240,8 @@ class ExchangeAlgorithm:
 # Result of model discrimination.
 
 
+RARE = 1e-6
+"""The least probability that is stated: noise is not so normal, and models are not so exact, that less were known."""
 MOTIONS = ("before", "D-optimal", "after")
 """Along which lambda and error probability are given; the second one where there is such a trajectory."""
 
@@ -303,7 +305,8 @@ class DiscriminationDesign(Tabular):
         rows: list[tuple[Value, ...]] = []
         for pair in self.pairs:
             figures = dict(zip(MOTIONS, (pair.before, pair.exciting, pair.after), strict=True))
-            errors = [pair.error_probability(figures[name]) for name in motions]
+            errors: list[Value] = [pair.error_probability(figures[name]) for name in motions]
+            errors = [f"< {RARE:g}" if isinstance(e, float) and e < RARE else e for e in errors]
             runs = [pair.runs_for(x) for x in (LEVELS.confusable, LEVELS.separated)]
             for d in pair.directions:
                 after = "indistinguishable" if d.indistinguishable else d.after

@@ -149,6 +149,21 @@ class Joint:
 
 Inertia = tuple[float, float, float, float, float, float]
 """Ixx, Ixy, Ixz, Iyy, Iyz, Izz, kg m²."""
+ROUNDED = 0.01
+"""Of half the sum of the moments, what rounding may make impossible: two digits of a thin body's moments may be so."""
+
+
+def is_possible(inertia: Sequence[float]) -> bool:
+    """Whether a body may have this inertia (an `Inertia`) about its centre.
+
+    Its mass is at real distances: the sum of p p' dm, half the trace less the inertia, has no negative eigenvalue. With
+    what rounding may do added on its diagonal, its leading minors are positive.
+    """
+    xx, xy, xz, yy, yz, zz = inertia
+    half = (xx + yy + zz) / 2
+    a, b, c = (half * (1 + ROUNDED) - moment for moment in (xx, yy, zz))
+    det = a * (b * c - yz * yz) - xy * (xy * c + yz * xz) - xz * (xy * yz + b * xz)
+    return min(a, a * b - xy * xy, det) >= 0
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -20,6 +20,7 @@ from modeling.kinematics.placement import (
     Placement,
     Quaternion,
     Vector3,
+    is_possible,
     rotated_vector,
     translated,
 )
@@ -54,17 +55,12 @@ def read_urdf(path: str | Path, sensor_frame: str | None) -> SpatialArm:
 
 
 def link_frames(path: str | Path, sensor_frame: str | None) -> dict[str, tuple[int, Placement]]:
-    """Of each link from the root to the sensor's: the joints that move it, and its place in the last one's frame."""
-    description = _Description.of(_robot(Path(path)), str(path))
-    elements = description.joints_to(description.frame(sensor_frame))
-    joints, placement = 0, IDENTITY_PLACEMENT
-    frames = {_link(elements[0], "parent"): (joints, placement)}
-    for element in elements:
-        read = _JointElement(element, str(path))
-        moves = read.kind is not None
-        joints, placement = joints + moves, IDENTITY_PLACEMENT if moves else placement.then(read.placement)
-        frames[_link(element, "child")] = (joints, placement)
-    return frames
+    """Of each link: the joints up to the sensor's frame that move it, and its place in the last one's frame.
+
+    Joints of other branches, such as a gripper's, are taken at coordinate zero.
+    """
+    links = _MovedLinks.of(path, sensor_frame).links()
+    return {link.get("name", ""): (joints, placement) for link, joints, placement in links}
 
 
 @dataclass(frozen=True)
@@ -87,7 +83,7 @@ def drive_data(path: str | Path, sensor_frame: str | None) -> DriveData:
     """The bodies that the joints up to the sensor's frame move, and what these joints state.
 
     Links of other branches move with the link that they branch from, those of a gripper too: their joints are taken at
-    coordinate zero. Raises InputError as `read_urdf` does, and for a mass that is negative.
+    coordinate zero. Raises InputError as `read_urdf` does, and for a negative mass or an impossible inertia.
     """
     moved = _MovedLinks.of(path, sensor_frame)
     read = [_body(link, str(path), placement, joint) for link, joint, placement in moved.links() if joint]
@@ -124,25 +120,25 @@ def _half_axis(shape: _Element) -> tuple[list[float], float]:
     """Half the axis of the capsule around a collision geometry, in its own frame, and its radius; m."""
     geometry = shape.element.find("geometry")
     solid = next(iter(geometry), None) if geometry is not None else None
-    kind = "none" if solid is None else solid.tag
+    kind = "of no kind" if solid is None else f"a {solid.tag}"
     read = shape if geometry is None else _Element(geometry, shape.file, shape.called)
     half, sizes = [0.0, 0.0, 0.0], list[float]()
-    if kind == "sphere":
+    if kind == "a sphere":
         sizes = read.numbers("sphere", "radius", "0", 1)
         radius = sizes[0]
-    elif kind == "cylinder":
+    elif kind == "a cylinder":
         sizes = [*read.numbers("cylinder", "radius", "0", 1), *read.numbers("cylinder", "length", "0", 1)]
         radius, half[2] = sizes[0], sizes[1] / 2
-    elif kind == "box":
+    elif kind == "a box":
         sizes = read.numbers("box", "size", "0 0 0", 3)
         longest = int(np.argmax(sizes))
         half[longest] = sizes[longest] / 2
         radius = float(np.linalg.norm(np.delete(sizes, longest))) / 2
     else:
         remedy = "state a [[capsule]] with this link, which takes its place"
-        raise shape.error(f"its collision geometry is a {kind}, and no capsule is fitted to that", remedy)
+        raise shape.error(f"its collision geometry is {kind}, and no capsule is fitted to that", remedy)
     if min(sizes) <= 0:
-        raise shape.error(f"its collision {kind} has no size", "correct it")
+        raise shape.error(f"its collision geometry, {kind}, has no size", "correct it")
     return half, radius
 
 
@@ -192,7 +188,11 @@ def _body(link: ElementTree.Element, file: str, placement: Placement, joint: int
         raise read.error(f"its mass is {mass:g} kg", "correct it")
     names = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
     xx, xy, xz, yy, yz, zz = (read.numbers("inertia", name, "0", 1)[0] for name in names)
-    own = Body(joint=0, mass=mass, centre=(0.0, 0.0, 0.0), inertia=(xx, xy, xz, yy, yz, zz))
+    inertia = (xx, xy, xz, yy, yz, zz)
+    if not is_possible(inertia):
+        stated = ", ".join(f"{name} {moment:g}" for name, moment in zip(names, inertia, strict=True))
+        raise read.error(f"no body has its moments of inertia, {stated} kg m²", "correct them")
+    own = Body(joint=0, mass=mass, centre=(0.0, 0.0, 0.0), inertia=inertia)
     return own.moved(placement.then(read.placement), joint) if mass else None
 
 

@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 
 from design.clearance import ArmPlaces, Clearances, clearances, nearest_on_segments
-from design.limits import LimitUse
+from design.limits import LimitUse, use_at_rest
 from design.random_feasible import random_feasible_trajectory
 from design.trajectories.fourier import FreeSeries
 from design.trajectory_design import design
@@ -158,7 +158,7 @@ BALL = {"link": "fore", "start": [0, 0, 0], "radius": 0.1}
 @pytest.mark.parametrize(
     ("others", "said"),
     [
-        ({"capsule": [BALL | {"link": "leg"}]}, "no link 'leg'"),
+        ({"capsule": [BALL | {"link": "leg"}]}, "has no link 'leg'"),
         ({"capsule": [BALL | {"joint": 2}]}, "got both"),
         ({"capsule": [BALL | {"radius": 0.0}]}, "radius"),
         ({"capsule": [BALL | {"start": [0, 0]}]}, "start"),
@@ -261,6 +261,46 @@ def test_a_stated_capsule_takes_the_place_of_its_links_geometry(tmp_path: Path) 
     assert of.workspace is not None
     assert [c.radius for c in of.workspace.capsules if c.name == "fore"] == [0.08]
     assert len(of.workspace.capsules) == len(SOLIDS)
+
+
+def test_a_link_beside_the_sensor_can_be_named_where_its_geometry_is_a_mesh(tmp_path: Path) -> None:
+    """A finger's: it moves with the link that carries it, as the geometry that it stands for would."""
+    robot = {"urdf": str(with_solids(tmp_path, {"finger": '<sphere radius="0.02"/>'})), "sensor_frame": "tool0"}
+    fitted = Rig.from_data({"robot": robot, "workspace": {"capsules": "urdf"}}).workspace
+    robot["urdf"] = str(with_solids(tmp_path, {"finger": '<mesh filename="finger.stl"/>'}))
+    ball = {"link": "finger", "start": [0.1, 0.02, -0.03], "radius": 0.02}
+    stated = Rig.from_data({"robot": robot, "workspace": {"capsules": "urdf"}, "capsule": [ball]}).workspace
+    assert fitted is not None
+    assert stated is not None
+    assert stated.capsules[0].joint == fitted.capsules[0].joint > 0
+    np.testing.assert_allclose(stated.capsules[0].start, fitted.capsules[0].start, atol=1e-12)
+
+
+def test_what_is_fixed_to_a_mounted_base_is_mounted_with_it(tmp_path: Path) -> None:
+    """Upside down on a ceiling: geometry and capsules of the base hang below it, an obstacle is where it is stated."""
+    path = with_solids(tmp_path, {"base": '<sphere radius="0.08"/>'})
+    robot = {"urdf": str(path), "sensor_frame": "tool0", "gravity_direction": [0, 0, 1]}
+    stated = [{"start": [0, 0, 0.5], "radius": 0.1}]
+    turned = {"robot": robot, "workspace": {"capsules": "urdf"}}
+    fitted = Rig.from_data(turned | {"capsule": stated}).workspace
+    named = Rig.from_data({"robot": robot, "capsule": [BALL | {"link": "base", "start": [0.0, 0.0, 0.3]}]}).workspace
+    assert fitted is not None
+    assert named is not None
+    heights = [capsule.start[2] for capsule in (*fitted.capsules, *named.capsules)]
+    np.testing.assert_allclose(heights, [0.5, 0.03, -0.3], atol=1e-12)
+
+
+def test_far_along_a_track_a_clearance_is_within_its_limits(tmp_path: Path) -> None:
+    path = tmp_path / "track.urdf"
+    slide = '<joint name="s" type="prismatic"><parent link="base"/><child link="car"/><axis xyz="1 0 0"/></joint>'
+    path.write_text(f'<robot name="track"><link name="base"/><link name="car"/>{slide}</robot>')
+    bounds = {"position": [[0.0, 30.0]], "velocity": [1.0], "acceleration": [1.0]}
+    capsules = [{"joint": 1, "start": [0, 0, 0], "radius": 0.1}, {"start": [0, 0, 0], "radius": 0.1}]
+    robot = {"urdf": str(path), "sensor_frame": "car"}
+    of = Rig.from_data({"robot": robot, "limits": bounds, "capsule": capsules})
+    assert of.limits is not None
+    use = use_at_rest(np.array([[0.19], [0.21], [29.5]]), of.limits, of.workspace, of.arm, None)
+    assert (use > 1).tolist() == [True, False, False]
 
 
 @pytest.mark.long(8)

@@ -395,6 +395,14 @@ def test_distinction_prints_itself_and_is_plain_data() -> None:
     assert len(data["coefficients"]) == SERIES.size
 
 
+def test_a_rare_mistake_is_not_stated_beyond_what_noise_is_known_for() -> None:
+    """lambda of 95 is Phi(-4.87) = 5.5e-7, of 85 Phi(-4.61) = 2.0e-6."""
+    plan = replace(designed(), pairs=(replace(pair(85.0, 95.0)), replace(pair(95.0, 97.0))), exciting=None)
+    errors = [line[-3] for line in plan.table.rows]
+    assert errors[2:] == ["< 1e-06"] * 2
+    assert errors[0] == pytest.approx(2.02e-6, rel=0.01)
+
+
 @pytest.mark.long
 def test_an_interrupted_search_has_the_exchanges_so_far() -> None:
     """After the first exchange: its trajectory, with lambda as of any result."""

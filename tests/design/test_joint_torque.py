@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from argparse import Namespace
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -23,6 +25,7 @@ from modeling.errors import InputError
 from modeling.kinematics.urdf import drive_data
 from modeling.rig import Rig
 from tests.shared.places import URDF
+from truewrench.commands.design_request import DesignRequest
 
 Array = NDArray[np.float64]
 
@@ -206,7 +209,8 @@ def test_what_is_stored_is_what_was_read(tmp_path: Path) -> None:
     [
         ({"limits": {"torque": [1.0] * 5}}, "as many numbers in each list"),
         ({"limits": {"torque": [-1.0] * 6}}, "torque"),
-        ({"limits": {"torque": "none"}}, "torque"),
+        ({"limits": {"torque": "none"}}, "limits\\.torque: Input should be 'urdf', got 'none'"),
+        ({"limits": {"torque": [1.0] * 5 + ["x"]}}, "limits\\.torque\\[5\\]: expected a positive number"),
         ({"limits": {"torque": None}}, "no.*torque limits|state limits.torque"),
         ({"limits": {"end": [0.0] * 6}}, "no start"),
         ({"body": [PAYLOAD | {"joint": 6}]}, "got both"),
@@ -240,6 +244,26 @@ def test_a_urdf_without_masses_or_efforts_is_named(tmp_path: Path) -> None:
     path.write_text(path.read_text().replace('mass value="1.3"', 'mass value="-1.3"'))
     with pytest.raises(InputError, match=r"link 'l5': its mass is -1\.3 kg"):
         Rig.from_data({"robot": robot, "limits": LIMITS | {"torque": ALLOWED}})
+
+
+def test_an_inertia_that_no_body_has_is_refused_and_a_rounded_one_is_stored(tmp_path: Path) -> None:
+    path = urdf(tmp_path)
+    data = {"robot": {"urdf": str(path), "sensor_frame": "tool0"}, "limits": LIMITS | {"torque": ALLOWED}}
+    text, whole = path.read_text(), re.compile(r'ixx="[\d.]+" iyy="[\d.]+" izz="[\d.]+"')
+    path.write_text(whole.sub('ixx="1" iyy="0.02" izz="0.02"', text, count=1))
+    with pytest.raises(InputError, match=r"link 'l1': no body has its moments of inertia, ixx 1, ixy 0, .* kg m²"):
+        Rig.from_data(data)
+    path.write_text(whole.sub('ixx="0.031" iyy="0.015" izz="0.0157"', text, count=1))  # of a plate
+    assert Rig.from_data(Rig.from_data(data).to_data()).limits is not None
+
+
+def test_that_the_tool_of_a_model_is_not_carried_is_said_where_torques_are_limited(tmp_path: Path) -> None:
+    of, options = rig(tmp_path), Namespace()
+    assert of.limits is not None
+    saved: Any = object()
+    assert "tool of the model file is not added" in DesignRequest(options, of, saved).not_carried
+    assert not DesignRequest(options, of, None).not_carried
+    assert not DesignRequest(options, replace(of, limits=replace(of.limits, torque=None)), saved).not_carried
 
 
 # ------------------------------------------------------------------------- motions that cannot be

@@ -330,6 +330,7 @@ READING = {"id": "wrench_sign", "adopted": False}
         ({"verdict": "unexplained", "readings": [READING]}, (), "misread (wrench_sign)"),
         ({"parameters": {"m": {"value": 1.0}}}, (), "of another fit"),
         ({"effects": "none"}, (), "no result of a diagnosis"),
+        ({"effects": [UNKNOWN | {"confusable_with": [None]}]}, (), "no result of a diagnosis"),
         (
             {"effects": [{"id": "viscous_drag", "verdict": "supported", "confusable_with": ["found_9"]}]},
             (),

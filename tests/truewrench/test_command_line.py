@@ -877,6 +877,7 @@ REPLACING = {
     "design-rig": ("design rig.toml --out rig.toml", "rig.toml"),
     "design-urdf": ("design rig.toml --out arm.urdf", "arm.urdf"),
     "design-model": ("design rig.toml --model model.json --out model.json", "model.json"),
+    "design-next": ("design rig.toml --next result.json --out model.json", "model.json"),
     "import-log": ("import other.csv rec.csv --out rec.csv", "rec.csv"),
     "import-map": ("import rec.csv --map other.csv --out other.csv", "other.csv"),
     "import-rig": ("import rec.csv --rig other.csv --out other.csv", "other.csv"),
@@ -893,6 +894,14 @@ def test_no_result_replaces_what_is_read(
     monkeypatch.chdir(inputs.folder)
     before = inputs.contents()
     refused(run(*arguments.split()), f"the result would replace {replaced}, which is read; give the result another")
+    assert inputs.contents() == before
+
+
+@pytest.mark.parametrize("second", ["--play plan.csv", "--play a.yaml --play ./a.yaml"])
+def test_no_result_replaces_another(second: str, inputs: Inputs, run: Runner, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(inputs.folder)
+    before = inputs.contents()
+    refused(run(*f"design rig.toml --series rest --out plan.csv {second}".split()), "two results would have this name")
     assert inputs.contents() == before
 
 

@@ -15,7 +15,7 @@ from design.trajectories.fourier import FreeSeries
 from design.trajectories.spline import RestToRest
 from design.trajectories.trajectory import Trajectory
 from modeling.errors import InputError
-from modeling.rig import Limits
+from modeling.rig import Limits, Rig
 from truewrench.command_line import main
 from truewrench.files.played_motion import write_played
 
@@ -88,6 +88,44 @@ def test_what_does_not_rest_at_its_ends_or_exceeds_a_limit_is_refused(tmp_path: 
     with pytest.raises(InputError, match=r"give --play a name with \.yaml"):
         write_played(plan, tmp_path / "plan.txt", limits(plan), NAMES, samples=81)
     assert not list(tmp_path.iterdir())
+
+
+TWO_JOINTS = """
+<robot name="two"><link name="base"/>
+<link name="car"><inertial><mass value="1.5"/></inertial></link>
+<link name="arm"><inertial><origin xyz="0.5 0 0"/><mass value="0.5"/></inertial></link><link name="tip"/>
+<joint name="s" type="prismatic"><parent link="base"/><child link="car"/><axis xyz="1 0 0"/></joint>
+<joint name="p" type="revolute"><parent link="car"/><child link="arm"/><axis xyz="0 -1 0"/></joint>
+<joint name="f" type="fixed"><parent link="arm"/><child link="tip"/><origin xyz="0.5 0 0"/></joint>
+</robot>
+"""
+
+
+@pytest.mark.parametrize("suffix", [".yaml", ".csv"])
+def test_jerk_torque_and_workspace_of_what_is_written_are_checked(suffix: str, tmp_path: Path) -> None:
+    """Of a mass on an arm on a car, whose largest values on a fine grid are those of the file."""
+    series = RestToRest(inner=FreeSeries(joints=2, harmonics=(1, 2), period=4.0), ramp=1.0)
+    plan = Trajectory(series, 0.3 * np.random.default_rng(2).normal(size=series.size))
+    urdf, fine = tmp_path / "two.urdf", np.linspace(0, 4.0, 8001)
+    urdf.write_text(TWO_JOINTS, encoding="utf-8")
+    names = ("position", "velocity", "acceleration", "jerk")
+    largest = {name: np.abs(plan.derivative(fine, order)).max(axis=0) for order, name in enumerate(names)}
+    q, dq, ddq = plan.evaluate(fine)
+    force = 2.0 * ddq[:, 0] - 0.25 * (ddq[:, 1] * np.sin(q[:, 1]) + dq[:, 1] ** 2 * np.cos(q[:, 1]))
+    largest |= {"torque": np.array([np.abs(force).max(), 99.0]), "workspace": 0.5 * np.abs(np.sin(q[:, 1])).max()}
+
+    def played(limited: str, share: float) -> str:
+        given = {name: ((share if name == limited else 1.5) * most).tolist() for name, most in largest.items()}
+        height = given.pop("workspace")
+        robot = {"urdf": str(urdf), "sensor_frame": "tip", "tip_length": 1e-9}
+        rig = Rig.from_data({"robot": robot, "limits": given, "workspace": {"z": [-height, height]}})
+        assert rig.limits is not None
+        return write_played(plan, tmp_path / f"plan{suffix}", rig.limits, ["s", "p"], samples=201, rig=rig)
+
+    for name in ("jerk", "torque", "workspace"):
+        assert re.search(rf" m or rad from the design, and uses 99\.[45]% of the {name} limits", played(name, 1.0055))
+        with pytest.raises(InputError, match=rf"would use 100\.[56]% of the {name} limits"):
+            played(name, 0.9945)
 
 
 RIG = """

@@ -87,6 +87,8 @@ def run(arguments: argparse.Namespace) -> None:
 def show(request: DesignRequest, plan: Plan, reasons: Sequence[str]) -> None:
     """Write and print a result, after the sentences that say why it is designed."""
     arguments = request.options
+    if request.not_carried:
+        say(request.not_carried)
 
     def written() -> list[Path]:
         if plan.motion is None or request.rig.limits is None:
@@ -95,7 +97,7 @@ def show(request: DesignRequest, plan: Plan, reasons: Sequence[str]) -> None:
             write(request, plan, arguments.out)
         for path in arguments.play:
             names = request.joint_names
-            say(write_played(plan.motion, path, request.rig.limits, names, arguments.samples))
+            say(write_played(plan.motion, path, request.rig.limits, names, arguments.samples, request.rig))
         return result_files(arguments)
 
     excluded = f"\nexcluded, because no trajectory can be designed for them: {', '.join(request.left_out)}"

@@ -20,6 +20,7 @@ import numpy as np
 from design.criteria import AOptimal, Criterion, DOptimal, EOptimal
 from design.criteria.criterion import Array
 from design.discrimination import DesignSetting, DiscriminationDesign, with_effect_replaced
+from design.discrimination.discriminating_trajectory import RARE
 from design.information import DiscretePrior, Experiment, noise_equivalent_sizes
 from design.limits import arm_and_limits
 from design.trajectories.fourier import FreeSeries, PaperSeries
@@ -37,7 +38,7 @@ from modeling.space import Space
 from truewrench.files.effects_file import read_effects
 from truewrench.files.model_file import ModelFile
 from truewrench.files.played_motion import played_format
-from truewrench.options import available_cores
+from truewrench.options import available_cores, model_beside
 
 ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 """Of Ctrl-C, and of `timeout` or a job scheduler."""
@@ -59,16 +60,20 @@ class DesignRequest:
         """Read the rig and the model file; --out and --play are checked first."""
         if options.out is not None:
             _require_csv(options.out)
-        for path in options.play:
-            played_format(path)
-            if options.series != "rest":
-                what = f"a robot starts and ends at rest, and --series {options.series} in motion"
-                raise InputError(what=what, where="--play", remedy="add --series rest")
+        formats = {path: played_format(path) for path in options.play}
+        if formats and options.series != "rest":
+            what = f"a robot starts and ends at rest, and --series {options.series} in motion"
+            raise InputError(what=what, where="--play", remedy="add --series rest")
         path = options.model
         if path is None and options.next is not None:
-            path = model_beside(options.next)
+            path = _require_beside(options.next)
         saved = None if path is None else ModelFile.read(path)
-        return cls(options, Rig.read(options.rig), saved)
+        request = cls(options, Rig.read(options.rig), saved)
+        for path, kind in formats.items():
+            if kind.joints not in (None, request.arm.joints):
+                what = f"{kind.title}, is of robots with {kind.joints} joints, and the arm has {request.arm.joints}"
+                raise InputError(what=what, where=str(path), remedy="give --play a name with .yaml or .csv")
+        return request
 
     @property
     def arm(self) -> Arm:
@@ -93,6 +98,17 @@ class DesignRequest:
     def left_out(self) -> list[str]:
         """Ids of the effects of the model file for which no trajectory can be designed."""
         return [] if self.saved is None else [e.id for e in self.saved.model.effects if not e.designable]
+
+    @property
+    def not_carried(self) -> str:
+        """A sentence on the tool of the model file where torques are limited: what is carried is in the rig file."""
+        limits = self.rig.limits
+        if self.saved is None or limits is None or limits.torque is None:
+            return ""
+        return (
+            "Torque limits are kept with the masses of the URDF and of [[body]] in the rig file; the tool of the model"
+            " file is not added to them."
+        )
 
     @property
     def values(self) -> dict[str, float] | None:
@@ -180,9 +196,9 @@ class DesignRequest:
                 raise
 
 
-def model_beside(result: Path) -> Path:
+def _require_beside(result: Path) -> Path:
     """model.json in the folder of result.json; InputError where one of them is not there."""
-    path = result.parent / "model.json"
+    path = model_beside(result)
     if not result.is_file():
         raise InputError(
             what="No such file", where=str(result), remedy="give result.json of `truewrench diagnose --out`"
@@ -256,7 +272,7 @@ class NextQuestion:
         times = f"{plan.runs} run{'s' * (plan.runs > 1)} of it alone"
         if likely is None:
             return f"the motion shows the difference with lambda {min(p.after for p in plan.pairs):.3g} in {times}"
-        return f"expected probability of taking one for the other: {max(likely, 1e-6):.2g} at most after {times}"
+        return f"expected probability of taking one for the other: {max(likely, RARE):.2g} at most after {times}"
 
     def narrowing(self, plan: IntervalDesign) -> str:
         """What is widest, and how wide it is expected to be after the motion."""
@@ -283,6 +299,7 @@ def _result(path: Path) -> dict[str, Any]:
         isinstance(effects, list)
         and all(isinstance(e, dict) and isinstance(e.get("id"), str) for e in effects)
         and all(isinstance(e.get("confusable_with", []), list) for e in effects)
+        and all(isinstance(other, str) for e in effects for other in e.get("confusable_with", []))
         and isinstance(data.get("verdict"), str)
         and isinstance(data.get("parameters"), dict)
         and isinstance(data.get("readings", []), list)

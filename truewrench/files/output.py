@@ -94,7 +94,7 @@ def require_writable_folder(path: Path) -> None:
 
 
 def require_writable_files(written: Iterable[Path], read: Iterable[Path]) -> None:
-    """Check before any work that files can be written, and that none of them is one that is read, by whatever name.
+    """Check before any work that files can be written, each once, and none that is read, by whatever name.
 
     Links, hard ones too, and relative paths are other names of one file. A device or a pipe may be both. Of a LeRobot
     data set every file is read, and what is new in it would be taken for a part of it. Raises InputError.
@@ -102,9 +102,14 @@ def require_writable_files(written: Iterable[Path], read: Iterable[Path]) -> Non
     read = list(read)
     inputs = {identity: path for path in read if (identity := _file_identity(path)) is not None}
     data_sets = [folder.resolve() for path in read if (folder := _data_set_of(path)) is not None]
+    places = set[str]()
     for path in written:
         if path.exists() and not path.is_file() and not path.is_dir():
             continue
+        if (place := os.path.realpath(path)) in places:
+            what = "two results would have this name"
+            raise InputError(what=what, where=str(path), remedy="give each another name")
+        places.add(place)
         require_writable_folder(path.parent)
         if any(path.resolve().is_relative_to(folder) for folder in data_sets):
             raise InputError(what="is inside the data set", where=str(path), remedy="give --out a place beside it")

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import json
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from math import ceil
 from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from design.joint_torque import joint_torques
+from design.limits import joint_units, use_at_rest
 from design.trajectories.trajectory import Trajectory
 from modeling.errors import InputError
-from modeling.rig import Limits
+from modeling.rig import Limits, Rig
 from truewrench.files.output import atomic_write
 
 Array = NDArray[np.float64]
@@ -23,8 +27,9 @@ AT_REST = 1e-6
 """rad/s: a motion that is slower at both ends starts and ends at rest."""
 CHECKED = 10
 """Instants between two points of a file at which what a controller makes of it is compared with the design."""
-DIGITS = 9
-"""Decimals of an angle: a nanoradian, far below any encoder's step."""
+DIGITS = 12
+"""Decimals of an angle, rad: third differences at 1 kHz, which a controller compares with its limits of jerk, are then
+off by 0.004 rad/s³ at most, by nine decimals by 4."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,12 +61,14 @@ class Points:
 class PlayedFormat(ABC):
     """A file that a robot's controller plays, by its suffix.
 
-    rate  Hz, of the controller that reads it; None where it interpolates between points at any times
+    rate    Hz, of the controller that reads it; None where it interpolates between points at any times
+    joints  that its robots have; None where they may have any number
     """
 
     suffix: ClassVar[str]
     title: ClassVar[str]
     rate: ClassVar[float | None] = None
+    joints: ClassVar[int | None] = None
 
     @abstractmethod
     def text(self, points: Points, names: Sequence[str]) -> str:
@@ -81,7 +88,7 @@ class JointTrajectory(PlayedFormat):
         """The message."""
         assert points.velocities is not None
         assert points.accelerations is not None
-        lines = ["joint_names: [" + ", ".join(f'"{name}"' for name in names) + "]", "points:"]
+        lines = [f"joint_names: {json.dumps(list(names))}", "points:"]
         series = zip(points.time, points.positions, points.velocities, points.accelerations, strict=True)
         for time, position, velocity, acceleration in series:
             nanoseconds = round(float(time) * 1e9)
@@ -107,7 +114,7 @@ class JointTrajectory(PlayedFormat):
 class UrScript(PlayedFormat):
     """URScript: a joint move to the start, then `servoj` in every cycle of an e-Series controller."""
 
-    suffix, title, rate = ".script", "URScript, servoj at 500 Hz", 500.0
+    suffix, title, rate, joints = ".script", "URScript, servoj at 500 Hz", 500.0, 6
 
     def text(self, points: Points, names: Sequence[str]) -> str:
         """The program."""
@@ -159,11 +166,14 @@ def require_rest(motion: Trajectory, path: Path) -> None:
         raise InputError(what=what, where=str(path), remedy="design it with --series rest")
 
 
-def write_played(motion: Trajectory, path: Path, limits: Limits, names: Sequence[str], samples: int) -> str:
+def write_played(
+    motion: Trajectory, path: Path, limits: Limits, names: Sequence[str], samples: int, rig: Rig | None = None
+) -> str:
     """Write a motion for a robot; a sentence with the deviation and the use of limits of what was written, read back.
 
     A controller of a fixed rate gets a position in each of its cycles, another one `samples` points with velocities and
-    accelerations. Raises InputError for a motion that is not at rest at its ends, or whose file exceeds a limit.
+    accelerations. With the rig its workspace and clearances, and limits of torque, are checked too. Raises InputError
+    for a motion that is not at rest at its ends, or whose file exceeds a limit.
     """
     kind = played_format(path)
     require_rest(motion, path)
@@ -175,37 +185,48 @@ def write_played(motion: Trajectory, path: Path, limits: Limits, names: Sequence
     written = kind.points(text)
     fine = np.linspace(0.0, written.time[-1], cycles * CHECKED + 1)
     deviation = float(np.abs(written.between(fine) - motion.evaluate(fine)[0]).max())
-    use = _limit_use(written, fine, limits, coarse=kind.rate is not None)
+    use = _limit_use(written, fine, limits, rig, coarse=kind.rate is not None)
     worst = max(use, key=lambda quantity: use[quantity])
     if use[worst] > 1 + LARGEST_EXCESS:
         what = f"what is written would use {use[worst]:.1%} of the {worst} limits"
         raise InputError(what=what, where=str(path), remedy="give more --samples, or tighten the limits of the rig")
     with atomic_write(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
+    unit = " or ".join(dict.fromkeys(joint_units(None if rig is None else rig.arm, motion.joints)))
     return (
-        f"{path.name}: {kind.title}, {len(written.time)} points; between them it is at most {deviation:.2g} rad from"
+        f"{path.name}: {kind.title}, {len(written.time)} points; between them it is at most {deviation:.2g} {unit} from"
         f" the design, and uses {use[worst]:.1%} of the {worst} limits at most."
     )
 
 
 LARGEST_EXCESS = 1e-3
 """Of a limit, by which rounding and differences of a file may exceed it; the design keeps it exactly."""
+JERK_STEP = 0.01
+"""s: of the differences from which a jerk is told where a controller interpolates; the nanoseconds of the stamps make
+those of a millisecond wrong by several rad/s³, these by hundredths."""
 
 
-def _limit_use(points: Points, fine: Array, limits: Limits, *, coarse: bool) -> dict[str, float]:
+def _limit_use(points: Points, fine: Array, limits: Limits, rig: Rig | None, *, coarse: bool) -> dict[str, float]:
     """Largest share of each limit, by positions between the points and their differences.
 
     Of a controller of a fixed rate (`coarse`) by differences of its own cycles, as it differentiates them.
     """
     time = points.time if coarse else fine
     positions = points.positions if coarse else points.between(fine)
-    step = float(time[1] - time[0])
-    velocity, acceleration = np.diff(positions, axis=0) / step, np.diff(positions, n=2, axis=0) / step**2
-    ranges = {
-        "position": (positions, limits.position), "velocity": (velocity, limits.velocity),
-        "acceleration": (acceleration, limits.acceleration),
-    }  # fmt: skip
-    return {name: _share(values, limit) for name, (values, limit) in ranges.items()}
+    step, arm = float(time[1] - time[0]), None if rig is None else rig.arm
+    every = [1, 1, 1, 1 if coarse else max(1, ceil(JERK_STEP / step))]
+    rates = [
+        np.diff(positions[::apart], n=order, axis=0) / (apart * step) ** order
+        for order, apart in enumerate(every[: len(limits.pairs)])
+    ]
+    use = {name: _share(rate, pairs) for rate, (name, pairs) in zip(rates, limits.pairs.items(), strict=True)}
+    if arm is not None and (torques := joint_torques(limits, arm)) is not None:
+        middle = (rates[1][1:] + rates[1][:-1]) / 2
+        use["torque"] = _share(torques.values(positions[1:-1], middle, rates[2]), torques.room)
+    if rig is not None and rig.workspace is not None:
+        still = replace(limits, torque=None)
+        use["workspace"] = float(use_at_rest(positions, still, rig.workspace, arm, rig.tip_length).max())
+    return use
 
 
 def _share(values: Array, limit: Array) -> float:

@@ -239,10 +239,11 @@ def draw_clearances(axes: Axes, moved: ArmInMotion, time: Array, height: float) 
         axes.text(1 + 62 / TIME, up, f"{1000 * values[at, which]:.1f} mm", ha="right", **style)
         axes.text(1 + 70 / TIME, up, shorten(asked.names[which], LONGEST_NAME, placeholder=" .."), **style)
     if len(asked.names) > len(nearest):
-        text = f"and {len(asked.names) - len(nearest)} more, larger or unchanging"
+        more = len(asked.names) - len(nearest)
+        text = f"and {more} more, larger or unchanging" if len(nearest) else f"{more}, unchanging"
         up = 1 - (len(nearest) + 0.5) * LINE_HEIGHT / height
         axes.text(1 + 12 / TIME, up, text, transform=axes.transAxes, va="center", fontsize=SMALL, color=MUTED)
-    top = 1.08 * float(values[:, nearest].max())
+    top = 1.08 * float(values[:, nearest if len(nearest) else slice(None)].max())
     axes.set_ylim(-0.12 * top, top)
     axes.axhspan(-top, 0.0, color=NOISE, lw=0, zorder=0)
     axes.axhline(0, color=INK, lw=0.9, zorder=1)

@@ -256,6 +256,7 @@ def test_a_weight_is_taken_from_the_rig(joint_limits: Path, capsys: pytest.Captu
         (("--seed", "-1"), "--seed"),
         (("--samples", "10000000000"), "--samples"),
         (("--out", "."), "--out"),
+        (("--series", "rest", "--play", "plan.script"), "robots with 6 joints, and the arm has 3"),
         (("--out", "plan.png"), "plan.png"),
     ],
 )

@@ -143,6 +143,16 @@ def test_closest_approach_is_the_least_clearance_between_the_points_that_are_dra
     assert f"{1000 * approach.left:.1f} mm" in said
 
 
+def test_clearances_that_no_motion_changes_are_drawn_without_an_approach() -> None:
+    moved, bounds = carrying_capsules()
+    shoulder = Capsule(name="shoulder", joint=1, start=(0.0, 0.0, 0.0), end=(0.0, 0.0, 0.0), radius=0.05)
+    floor = HalfSpace(normal=(0.0, 0.0, 1.0), offset=1.0)
+    still = Workspace(capsules=(shoulder,), half_spaces=(floor,))
+    figure = trajectory_figure(moved.motion, bounds, arm=ELBOW, tip_length=0.2, workspace=still)
+    assert "1, unchanging" in words(figure)
+    assert not any("Closest approach" in text for text in words(figure))
+
+
 def test_outline_of_a_capsule_is_a_radius_from_its_segment() -> None:
     start, end = np.array([0.2, -0.1]), np.array([0.5, 0.7])
     edge = outline(start, end, 0.15)
