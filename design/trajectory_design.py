@@ -285,7 +285,7 @@ def _search(
 
     low_task = None if low is None else replace(task, objective=replace(task.objective, series=low))
     if by_knots:
-        return _searched_by_knots(task, count, seed, run)
+        return _searched_by_knots(task, low_task, count, seed, run)
     if not quick:
         return _searched_slowly(task, low_task, [(seed, number) for number in range(count)], run)
     if low_task is None:
@@ -321,8 +321,13 @@ def _searched_slowly(
     return run("refinement of the best", task, _best(screened, REFINED_WHEN_SLOW), refine_optimum)
 
 
-def _searched_by_knots(task: DesignTask, count: int, seed: int, run: StageRunner) -> tuple[LocalOptimum, ...]:
-    """Local optima of a spline: of all starts with few knots, of the best with more, then with all."""
+def _searched_by_knots(
+    task: DesignTask, low_task: DesignTask | None, count: int, seed: int, run: StageRunner
+) -> tuple[LocalOptimum, ...]:
+    """Local optima of a spline: of all starts with few knots, of the best with more, then with all.
+
+    The best of few harmonics is refined beside them: it is good already where there are few starts.
+    """
 
     def fewer(share: int) -> DesignTask:
         series = task.objective.series
@@ -330,13 +335,20 @@ def _searched_by_knots(task: DesignTask, count: int, seed: int, run: StageRunner
         knots = max(series.knots // share, series.degree + 1)
         return replace(task, objective=replace(task.objective, series=replace(series, knots=knots)))
 
+    smooth: list[Trajectory] = []
+    if low_task is not None:
+        begin = [_start(low_task, seed, number) for number in range(-(-count // LOW_HARMONIC_STARTS))]
+        low = _best(run("few harmonics", low_task, begin, screen_start), 1)
+        continued = [motion.projected(task.objective.series) for motion in low]
+        smooth = _best(run("all knots", task, continued, continue_start), 1)
     coarse, middle = fewer(COARSE_SPLINE), fewer(MIDDLE_SPLINE)
     optima = run("few knots", coarse, [_start(coarse, seed, number) for number in range(count)], continue_start)
     for stage, of, kept in (
         ("half the knots", middle, MIDDLE_OPTIMA),
         ("refinement of the best", task, REFINED_SPLINES),
     ):
-        optima = run(stage, of, [m.projected(of.objective.series) for m in _best(optima, kept)], refine_optimum)
+        motions = [motion.projected(of.objective.series) for motion in _best(optima, kept)]
+        optima = run(stage, of, [*motions, *(smooth if of is task else [])], refine_optimum)
     return optima
 
 
