@@ -24,7 +24,7 @@ Packages that an installation of truewrench brings with it, directly or by what 
 each states in its metadata. truewrench itself is under the Apache License 2.0 (file LICENSE). None of them is part
 of the wheel. Reports that zoom contain BokehJS, which comes with Bokeh under the same licence.
 
-Lower bounds in pyproject.toml are those with which `make oldest` passes: SciPy 1.15 and matplotlib 3.10 are the first
+Lower bounds in pyproject.toml are what `make oldest` installs and tests: SciPy 1.15 and matplotlib 3.10 are the first
 that have what is called, SymPy 1.14 the first whose functions of NumPy compare numbers with arrays.
 
 Written by `python -m docs.generator.dependency_table`; a test compares it with what is installed.
