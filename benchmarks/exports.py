@@ -40,8 +40,6 @@ POSE = (0.02, -0.01, 0.045, 0.3, -1.1, 2.0)
 """Of the sensor in the flange, which the same tools are emitted in too: their inertia turns, and is rounded."""
 ROUNDING = 1e-9
 """Relative, of the mass and of the largest moment: what files and changes of frame round is 1e-12 at the most."""
-AXES_OF_MUJOCO = ROUNDING if int(mujoco.__version__.partition(".")[0]) >= 4 else 2e-6
-"""Relative, of its moments of inertia: before version 4 it finds the axes of a full inertia to 1e-6."""
 NOISE = np.repeat([0.05, 0.0025], 3)
 """N, N m: std of a sample."""
 FITTED = ("thin rods", "thin plates", "point masses", "random")
@@ -184,17 +182,17 @@ def outcome(model: ModelFile | Fit, pose: tuple[float, ...] | None) -> Counter[s
         for reader, numbers in read(to, text):
             count[reader] += 1
             if numbers is not None:
-                require_equal(numbers, tool, AXES_OF_MUJOCO if reader.startswith("MuJoCo") else ROUNDING)
+                require_equal(numbers, tool)
     return count
 
 
-def require_equal(numbers: Numbers, tool: ToolInertia, rounding: float) -> None:
-    """AssertionError unless a reader has the numbers of the tool, its inertia but for this share of the largest."""
+def require_equal(numbers: Numbers, tool: ToolInertia) -> None:
+    """AssertionError unless a reader has the numbers of the tool."""
     mass, centre, inertia = numbers
     np.testing.assert_allclose(mass, tool.mass, rtol=ROUNDING)
     np.testing.assert_allclose(centre, tool.centre_of_mass, rtol=0, atol=ROUNDING)
     assert tool.inertia is not None
-    np.testing.assert_allclose(inertia, tool.inertia, rtol=0, atol=rounding * np.abs(tool.inertia).max())
+    np.testing.assert_allclose(inertia, tool.inertia, rtol=0, atol=ROUNDING * np.abs(tool.inertia).max())
 
 
 def table(*, fits: bool = True) -> pd.DataFrame:
