@@ -72,7 +72,11 @@ def test_a_bound_that_does_not_press_changes_nothing(bench: Bench) -> None:
     free = json.loads(bench.fit("--json")[1])
     held = json.loads(bench.fit("--bounds", bench.toml("m = [0.1, 3.0]"), "--physical", "--json")[1])
     assert held["constraints"]["active"] == []
-    assert held["parameters"] == free["parameters"]
+    for name, of_free in free[
+        "parameters"
+    ].items():  # linear algebra of two threads rounds the last digits in its own way
+        for key in ("value", "std"):
+            assert held["parameters"][name][key] == pytest.approx(of_free[key], rel=1e-9)  # rounded by threads
 
 
 def test_readings_of_the_other_sign_are_a_finding_when_the_tool_has_to_be_one(
