@@ -42,7 +42,9 @@ from estimation.contact.rows_left_out import RowsLeftOut, rows_left_out
 from estimation.fit import (
     MAX_NOISE_ROUNDS,
     Fit,
+    Loads,
     in_noise_beside_pose,
+    loaded,
     recordings_of,
     require_positive_fitted_mass,
     unchecked_fit,
@@ -332,9 +334,10 @@ class Diagnosis(Tabular):
 
 def diagnose(
     model: WrenchModel,
-    recordings: Recording | Iterable[Recording],
+    recordings: Recording | Iterable[Recording] | Mapping[str, Recording],
     *,
-    validate: Recording | Iterable[Recording] | None = None,
+    validate: Recording | Iterable[Recording] | Mapping[str, Recording] | None = None,
+    loads: Loads | None = None,
     effects: Sequence[Effect | str] | None = None,
     effect_rules: Sequence[EffectRule] = EFFECT_RULES,
     progress: Progress = silent,
@@ -346,10 +349,12 @@ def diagnose(
     ----------
     model : WrenchModel
         The rigid tool, `planar(rig)` or `spatial(rig)`. Effects that it has are given: they stay, and are not judged.
-    recordings : Recording or iterable of Recording
-        Recordings of one rig and tool, which the models are fitted to.
-    validate : Recording or iterable of Recording, optional
+    recordings : Recording, iterable of Recording, or mapping of str to Recording
+        Recordings of one rig and sensor, which the models are fitted to, perhaps by name.
+    validate : Recording, iterable of Recording, or mapping of str to Recording, optional
         Held-out recordings of other motions of the same rig and tool, never fitted; by default none.
+    loads : mapping of str to Load or str, or to several, optional
+        What the sensor carried beside the tool in a recording, by its name, as for `fit`; by default nothing.
     effects : sequence of Effect or str, optional
         The candidate effects, or their ids; by default the whole catalogue.
     effect_rules : sequence of EffectRule, optional
@@ -383,6 +388,8 @@ def diagnose(
     """
     require_model(model, "diagnose")
     training, others = recordings_of(recordings, "diagnose"), recordings_of(validate, "validate")
+    both = loaded((*training, *others), loads or {})
+    training, others = both[: len(training)], both[len(training) :]
     require_different_readings((*training, *others), "diagnose")
     candidates = None if effects is None else effects_of(effects)
     case = Case.of(model, training, others)
@@ -508,7 +515,9 @@ def _diagnosed(
     """Fit, search, accept on held-out data, judge the recordings, judge the effects."""
     cache, model = ScreeningCache(), case.model
     given = {effect.id for effect in model.effects}
-    listed = catalogue() if effects is None else effects  # of which those of the plane, or of six axes, are tried
+    listed = (
+        catalogue(weighed=case.weighed) if effects is None else effects
+    )  # of which those of the plane, or of six axes, are tried
     candidates = [e for e in listed if e.id not in given and model.space in e.spaces]
     candidates = [] if case.misread else candidates  # what would be found explains the mistake
     progress("fit the rigid tool" + "".join(f", {effect.id}" for effect in model.effects))

@@ -32,9 +32,11 @@ from diagnosis.verdict.unexplained_residual import UnexplainedResidual, describe
 from estimation.case import Case
 from estimation.fit import (
     Fit,
+    Loads,
     as_reported,
     fit_case,
     in_noise_beside_pose,
+    loaded,
     recordings_of,
     require_recording,
 )
@@ -407,9 +409,10 @@ Recorded = Recording | str | Path
 
 def study(
     model: WrenchModel | Rig | str | Path | None,
-    recordings: Recorded | Iterable[Recorded],
+    recordings: Recorded | Iterable[Recorded] | Mapping[str, Recorded],
     *,
-    validate: Recorded | Iterable[Recorded] | None = None,
+    validate: Recorded | Iterable[Recorded] | Mapping[str, Recorded] | None = None,
+    loads: Loads | None = None,
     effects: Sequence[Effect | str] | None = None,
     progress: Progress = silent,
 ) -> Study:
@@ -420,10 +423,12 @@ def study(
     model : WrenchModel, Rig, str, Path or None
         A model, with or without effects; or a rig (or the path of its file, or None without one), whose rigid tool is
         the model.
-    recordings : Recording, str, Path or iterable of these
-        Recordings of one rig and tool, or their paths, which the models are fitted to.
-    validate : Recording, str, Path or iterable of these, optional
+    recordings : Recording, str, Path, iterable of these, or mapping of str to these
+        Recordings of one rig and sensor, or their paths, which the models are fitted to, perhaps by name.
+    validate : Recording, str, Path, iterable of these, or mapping of str to these, optional
         Held-out recordings of other motions, on which the biases alone are estimated.
+    loads : mapping of str to Load or str, or to several, optional
+        What the sensor carried beside the tool in a recording, by its name, as for `fit`; by default nothing.
     effects : sequence of Effect or str, optional
         The suspects, or their ids; by default the whole catalogue.
     progress : callable, optional
@@ -457,6 +462,8 @@ def study(
     rig = Rig.read(model) if isinstance(model, str | Path) else model
     stated_rig = rig if isinstance(rig, Rig) else None
     several, others = _recordings(recordings, stated_rig), _recordings(validate, stated_rig)
+    both = loaded((*several, *others), loads or {})
+    several, others = both[: len(several)], both[len(several) :]
     require_different_readings((*several, *others), "study")
     candidates = None if effects is None else effects_of(effects)
     return study_case(Case.of(_model(rig, several), several, others), effects=candidates, progress=progress)
@@ -466,7 +473,7 @@ def study_case(case: Case, *, effects: Sequence[Effect] | None = None, progress:
     """`study` of a case."""
     fitted = fit_case(case, start=model_initial_values(case) if case.model.effects else None)
     held_out = [HeldOut(r, n) for r, n in zip(case.held_out, case.held_out_noise, strict=True)]
-    listed = catalogue() if effects is None else effects
+    listed = catalogue(weighed=case.weighed) if effects is None else effects
     candidates = [effect for effect in listed if fitted.model.space in effect.spaces]
     return Study(fitted, held_out, candidates, progress, case.readings, case.tilt_fitted)
 
@@ -479,13 +486,20 @@ def _require_order(model: object, recordings: object) -> None:
         raise InputError(what="the rig and the recordings are swapped", where="study", remedy=remedy)
 
 
-def _recordings(given: Recorded | Iterable[Recorded] | None, rig: Rig | None) -> tuple[Recording, ...]:
+def _recordings(
+    given: Recorded | Iterable[Recorded] | Mapping[str, Recorded] | None, rig: Rig | None
+) -> tuple[Recording, ...]:
     if given is None:
         return ()
     if not isinstance(given, Recorded | Iterable) or hasattr(given, "columns"):
         require_recording(given, "study")
-    several = (given,) if isinstance(given, Recorded) else tuple(given)
-    return recordings_of(tuple(read(r, rig=rig) if isinstance(r, str | Path) else r for r in several), "study")
+
+    def read_one(recorded: Recorded) -> Recording:
+        return read(recorded, rig=rig) if isinstance(recorded, str | Path) else recorded
+
+    if isinstance(given, Mapping):
+        return recordings_of({name: read_one(recorded) for name, recorded in given.items()}, "study")
+    return recordings_of(tuple(map(read_one, (given,) if isinstance(given, Recorded) else given)), "study")
 
 
 def _model(rig: WrenchModel | Rig | None, recordings: Sequence[Recording]) -> WrenchModel:

@@ -21,6 +21,7 @@ from estimation.gravity.gravity_estimate import GravityEstimate
 from estimation.least_squares.square_root_information import SquareRootInformation, least_squares_solution
 from estimation.model_response import model_response, predicted_readings, readings_follow_repeats
 from estimation.noise.recording_noise import MotionNoise, RecordingNoise, sample_step
+from estimation.parameter_layout import main_tool
 from estimation.recordings.recording import Recording, require_channels
 from estimation.recordings.sign_convention import SignDecision, with_convention
 from modeling.chain.model import WrenchModel
@@ -29,6 +30,7 @@ from modeling.effects.loads import BaseForce, CableSpring
 from modeling.errors import InputError
 from modeling.kinematics.placement import Direction
 from modeling.rig import Convention, Rig
+from modeling.rigid_body import Load
 from modeling.space import Space
 
 if TYPE_CHECKING:
@@ -95,6 +97,10 @@ class Case:
         check_channels(model, recordings)
         for recording in held_out:
             require_channels(recording, model)
+            if recording.tool != (main := main_tool(recordings)):
+                names = [f"'{tool}'" if tool else "no unknown load" for tool in (recording.tool, main)]
+                what = f"it carries {names[0]}, and the tool that is fitted {names[1]}"
+                raise InputError(what=what, where=recording.name, remedy="hold out a recording of that tool")
         # Of recordings in memory, which a streamed fit has not.
         from estimation.readings.static_dwells import as_static_poses
         from estimation.readings.stretch_reading import without_bad_stretches
@@ -152,13 +158,15 @@ class Case:
                 raise
             undecided = error
             case = cls._upright(replace(model, convention=Convention.ON_TOOL), several, count)
-        shown = shown_reading((*case.recordings, *case.held_out), case.model, model.convention)
+        shown = shown_reading(_of_one_weight((*case.recordings, *case.held_out)), case.model, model.convention)
         if undecided is not None and (shown is None or shown.p_value is None):
             raise undecided from None
         if case.gravity is not None:
             upright = cls._upright(replace(model, convention=case.model.convention), several, count)
-            of_upright = shown_reading((*upright.recordings, *upright.held_out), upright.model, model.convention)
-            if of_upright is not None and of_upright.is_simpler_than(shown, case.recordings, case.model):
+            weighed = _of_one_weight((*upright.recordings, *upright.held_out))
+            of_upright = shown_reading(weighed, upright.model, model.convention)
+            weighed = _of_one_weight(case.recordings)
+            if of_upright is not None and of_upright.is_simpler_than(shown, weighed, case.model):
                 case, shown = upright, of_upright
         return case if shown is None else case._with_reading(shown, model, several, read)
 
@@ -211,7 +219,7 @@ class Case:
         gravity, doubted, direction = None, None, _stated_direction(model, several)
         if direction is None:
             shown = gravity_evidence(
-                several, gravity=model.gravity, convention=model.convention, mirror_y=model.mirror_y
+                _of_one_weight(several), gravity=model.gravity, convention=model.convention, mirror_y=model.mirror_y
             )
             gravity, doubted = (None, shown) if shown is not None and shown.is_doubted else (shown, None)
         direction = direction if gravity is None else gravity.direction
@@ -220,7 +228,7 @@ class Case:
         tilt_fitted = gravity is not None and not gravity.along_axis and not tilted
         model = model + GravityTilt() if tilt_fitted else model
         mounted = tuple(_recording_on_base(recording, direction) for recording in several)
-        model, sign = with_convention(model, mounted)
+        model, sign = with_convention(model, _of_one_weight(mounted))
         read = tuple(_with_decided_motion(recording, model) for recording in mounted)
         return cls(model, read[:count], read[count:], sign, gravity, doubted, tilt_fitted=tilt_fitted)
 
@@ -229,6 +237,14 @@ class Case:
         """Whether another reading is shown and not adopted: what a fit gives then is no measurement of the tool."""
         present = {effect.id for effect in self.model.effects}
         return any(not (reading.adopted or reading.explained_by in present) for reading in self.readings)
+
+    @property
+    def weighed(self) -> bool:
+        """Whether recordings of one tool differ by known loads, which tell the scale of the sensor from its mass."""
+        carried: dict[str, set[tuple[Load, ...]]] = {}
+        for recording in self.recordings:
+            carried.setdefault(recording.tool, set()).add(tuple(load for load in recording.loads if load.known))
+        return any(len(loads) > 1 for loads in carried.values())
 
     @property
     def is_of_tool(self) -> bool:
@@ -256,6 +272,13 @@ class Case:
         if self.gravity is None:
             return self
         return replace(self, gravity=with_fitted_tilt(self.gravity, model, values))
+
+
+def _of_one_weight(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
+    """Those that carried the same, of which the known loads are heaviest: what their weight shows of frames is of one
+    body, and clearest."""
+    heaviest = max(recordings, key=lambda recording: sum(load.mass or 0.0 for load in recording.loads), default=None)
+    return tuple(r for r in recordings if heaviest is not None and r.loads == heaviest.loads)
 
 
 def check_channels(model: WrenchModel, recordings: Sequence[Recording]) -> None:

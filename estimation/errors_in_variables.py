@@ -14,7 +14,7 @@ from estimation.fit import Fit, fit
 from estimation.input_noise import InputNoise
 from estimation.least_squares.estimates import PARAMETER_COLUMNS
 from estimation.least_squares.problem import Problem
-from estimation.model_response import ModelResponse, signals_are_periodic
+from estimation.model_response import ModelResponse, signals_are_periodic, with_loads
 from estimation.noise.power_spectrum import without_leakage
 from estimation.noise.recording_noise import RecordingNoise, sample_step
 from estimation.noise.whitening import AutoregressiveWhitener, FourierLineWhitener, PoseWhitener, Whitener
@@ -321,7 +321,9 @@ class CorrectedScoreProblem:
     def _slope(self, number: int, theta: Array, samples: int) -> tuple[Array, Array]:
         """f_u (samples, p, s) of a recording, and its derivative (samples, p, s, k) in the recording's parameters."""
         recording = self.problem.recordings[number]
-        values = theta[self.problem.layout.index[number]]
+        values = with_loads(
+            self.problem.layout.models[number], recording.loads, theta[self.problem.layout.index[number]]
+        )
         value, derivative = self.slopes[number].tangent(recording.motion.model_signals, values, samples)
         shape = (samples, len(recording.channels), len(self.roots[number]))
         return value.reshape(shape), derivative.reshape(*shape, len(values))

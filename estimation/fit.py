@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, NoReturn, overload
+from typing import TYPE_CHECKING, NoReturn, TypeAlias, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,9 +20,10 @@ from estimation.parameter_layout import ParameterLayout, parameter_layout, requi
 from estimation.recordings.recording import Recording
 from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel, require_model
-from modeling.errors import InputError, kind_of
+from modeling.errors import InputError, kind_of, quoted, suggestion
 from modeling.noise import NoiseModel, NoiseSource
 from modeling.parameter import Role
+from modeling.rigid_body import Load
 from modeling.significance import LEVELS
 from modeling.table import Table
 
@@ -38,6 +39,8 @@ if TYPE_CHECKING:
     from estimation.streaming.streamed_fit import StreamedFit
 
 Array = NDArray[np.float64]
+Loads: TypeAlias = Mapping[str, "Load | str | Iterable[Load | str]"]
+"""What recordings carried, by their names: a load, or several (`Load.of`)."""
 
 MAX_NOISE_ROUNDS = 4
 """Fits, each in the noise that the residual of the last one shows."""
@@ -226,17 +229,38 @@ def require_recording(given: object, where: str) -> None:
         raise InputError(what=what, where=where, remedy="read it: tw.read(path), tw.from_dataframe(frame)")
 
 
-def recordings_of(given: Recording | Iterable[Recording] | None, where: str) -> tuple[Recording, ...]:
-    """The recordings of an argument: one, several, or none; InputError, in a sentence, for anything else."""
+def recordings_of(
+    given: Recording | Iterable[Recording] | Mapping[str, Recording] | None, where: str, loads: Loads | None = None
+) -> tuple[Recording, ...]:
+    """The recordings of an argument: one, several, some by the names that they are to have, or none.
+
+    `loads` is what some carried, by the recordings' names. InputError, in a sentence, for anything else.
+    """
     other: object = given  # whatever the caller's types say
     if isinstance(given, Recording | None):
-        return () if given is None else (given,)
+        return loaded(() if given is None else (given,), loads or {})
     if isinstance(other, str) or hasattr(other, "columns") or not isinstance(given, Iterable):
         require_recording(other, where)
-    several = tuple(given)
+    several = tuple(given.values() if isinstance(given, Mapping) else given)
     for one in several:
         require_recording(one, where)
-    return several
+    if isinstance(given, Mapping):
+        several = tuple(replace(one, name=str(name)) for one, name in zip(several, given, strict=True))
+    return loaded(several, loads or {})
+
+
+def loaded(recordings: Sequence[Recording], loads: Loads) -> tuple[Recording, ...]:
+    """Recordings that carried loads, by the recordings' names; InputError for a name of none."""
+    names = [recording.name for recording in recordings]
+    for name in loads:
+        if name not in names:
+            what = f"a load is stated of {quoted(name)}, and no recording is called so"
+            raise InputError(what=what, where="loads", remedy=suggestion(name, names))
+    return tuple(r.carrying(*_listed(loads[r.name])) if r.name in loads else r for r in recordings)
+
+
+def _listed(given: Load | str | Iterable[Load | str]) -> tuple[Load | str, ...]:
+    return (given,) if isinstance(given, Load | str) else tuple(given)
 
 
 def predicted_frame(model: WrenchModel, values: Mapping[str, float], recording: Recording) -> pd.DataFrame:
@@ -270,8 +294,9 @@ def initial_values(unknowns: ParameterLayout, start: Mapping[str, float]) -> Arr
 @overload
 def fit(
     model: WrenchModel,
-    recordings: Recording | Iterable[Recording],
+    recordings: Recording | Iterable[Recording] | Mapping[str, Recording],
     *,
+    loads: Loads | None = None,
     noise: Sequence[RecordingNoise] | None = None,
     start: Mapping[str, float] | None = None,
     constraints: StatedConstraints | None = None,
@@ -291,24 +316,28 @@ def fit(
 
 def fit(
     model: WrenchModel,
-    recordings: RecordingOrChunk | Iterable[RecordingOrChunk],
+    recordings: RecordingOrChunk | Iterable[RecordingOrChunk] | Mapping[str, Recording],
     *,
+    loads: Loads | None = None,
     noise: Sequence[RecordingNoise] | NoiseModel | None = None,
     start: Mapping[str, float] | None = None,
     executor: Executor | None = None,
     constraints: StatedConstraints | None = None,
 ) -> Fit | StreamedFit:
-    """Estimate a model's parameters from one recording or several of the same rig and tool.
+    """Estimate a model's parameters from one recording or several of the same rig and sensor.
 
-    Every parameter is shared but the biases, which are recording-specific (`bias_fx@name`). A sign convention AUTO is
-    decided from the recordings.
+    Every parameter is shared but the biases, which are recording-specific (`bias_fx@name`), and the moments of another
+    tool (`m@name`). A sign convention AUTO is decided from the recordings.
 
     Parameters
     ----------
     model : WrenchModel
         The model, with its effects.
-    recordings : Recording or iterable of Recording, or of Chunk
-        Recordings with the model's channels and signals; with a `NoiseModel` also chunks.
+    recordings : Recording, iterable of Recording or of Chunk, or mapping of str to Recording
+        Recordings with the model's channels and signals, perhaps by name; with a `NoiseModel` also chunks.
+    loads : mapping of str to Load or str, or to several, optional
+        What the sensor carried beside the tool in a recording, by its name: a `Load`, "MASS@X,Y,Z", or the name of a
+        body of unknown mass, with which the tool is another one. By default nothing.
     noise : sequence of RecordingNoise, or NoiseModel, optional
         Noise of each recording; by default it is estimated from the recordings. With a `NoiseModel`, recordings or
         chunks are processed one by one and not kept in memory: see `estimation.streaming.streamed_fit`.
@@ -360,8 +389,12 @@ def fit(
     if isinstance(noise, NoiseModel):
         from estimation.streaming.streamed_fit import fit_streamed  # for long logs alone
 
-        return fit_streamed(model, recordings, noise, start=start, executor=executor, constraints=stated)
-    case = Case.of(model, _whole_recordings(recordings, executor))
+        if loads:
+            remedy = "leave the noise to be estimated, or give that of each recording"
+            raise InputError(what="loads are of whole recordings", where="fit", remedy=remedy)
+        several = tuple(recordings.values()) if isinstance(recordings, Mapping) else recordings
+        return fit_streamed(model, several, noise, start=start, executor=executor, constraints=stated)
+    case = Case.of(model, _whole_recordings(recordings, executor, loads))
     return fit_case(case, noise=noise, start=start, constraints=stated)
 
 
@@ -453,7 +486,9 @@ def with_coloured_std(fitted: Fit) -> Fit:
 
 
 def _whole_recordings(
-    given: RecordingOrChunk | Iterable[RecordingOrChunk], executor: Executor | None
+    given: RecordingOrChunk | Iterable[RecordingOrChunk] | Mapping[str, Recording],
+    executor: Executor | None,
+    loads: Loads | None,
 ) -> tuple[Recording, ...]:
     """The argument as whole recordings; InputError for chunks or an executor, which need a noise model."""
     from estimation.streaming.chunk import Chunk  # otherwise of streamed fits alone
@@ -471,9 +506,9 @@ def _whole_recordings(
             yield part
 
     whole: object = given
-    if not isinstance(whole, Recording | str | None) and not hasattr(whole, "columns"):
+    if not isinstance(whole, Recording | Mapping | str | None) and not hasattr(whole, "columns"):
         whole = refusing_chunks(whole if isinstance(whole, Iterable) else (whole,))
-    return recordings_of(whole, "fit")  # type: ignore[arg-type]  # what is left is checked there
+    return recordings_of(whole, "fit", loads)  # type: ignore[arg-type]  # what is left is checked there
 
 
 def unchecked_fit(

@@ -15,6 +15,7 @@ from modeling.chain.model import WrenchModel
 from modeling.chain.prediction import compiled_prediction
 from modeling.dynamics.equation_of_motion import DEFLECTION_TOLERANCE
 from modeling.dynamics.motion_record import MotionRecord, ResponsePart
+from modeling.rigid_body import Load, known_moments
 
 Array = NDArray[np.float64]
 
@@ -209,6 +210,7 @@ def motion_record(
     prediction = compiled_prediction(model)
     changing = () if steady else motion.signals
     recorded = motion.recorded
+    theta = with_loads(model, motion.loads, theta)
     return MotionRecord(
         signals=motion.model_signals,
         dt=recorded.dt,
@@ -225,6 +227,19 @@ def motion_record(
         steady=steady,
         measured=measured,
     )
+
+
+def with_loads(model: WrenchModel, loads: Sequence[Load], theta: Array) -> Array:
+    """Parameters (.., k) of a model whose tool has the known loads with it: moments of rigid bodies add up.
+
+    The derivative in a parameter of the tool is that at these.
+    """
+    moments = known_moments(loads, model.space)
+    if moments is None:
+        return theta
+    carried, first = np.array(theta, dtype=float), len(model.biases)
+    carried[..., first : first + len(moments)] += moments
+    return carried
 
 
 def nonperiodic_signals(motion: Motion) -> frozenset[str]:

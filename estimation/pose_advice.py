@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from estimation.candidate_poses import CandidatePoses
 from estimation.fit import Fit
+from estimation.model_response import with_loads
 from modeling.chain.prediction import compiled_prediction
 from modeling.chain.sensor_axes import is_turned
 from modeling.errors import InputError
@@ -142,10 +143,14 @@ class PoseAdvice(Tabular):
 
 
 def whitened_pose_sensitivity(fitted: Fit, number: int, poses: CandidatePoses) -> Array:
-    """Derivative (n, p, k) of the readings at poses in all unknowns of a fit, over the noise std of a recording."""
+    """Derivative (n, p, k) of the readings at poses in all unknowns of a fit, over the noise std of a recording.
+
+    The sensor carries what it did in that recording.
+    """
     fitted.layout.models[number].require_direct("pose advice")
     index, model = fitted.layout.index[number], compiled_prediction(fitted.layout.models[number])
-    parts = (e.tangent(poses.signals, fitted.theta[index], len(poses))[1] for e in (model.load, model.bias))
+    theta = with_loads(fitted.layout.models[number], fitted.recordings[number].loads, fitted.theta[index])
+    parts = (e.tangent(poses.signals, theta, len(poses))[1] for e in (model.load, model.bias))
     rows = np.zeros((len(poses), len(fitted.recordings[number].channels), fitted.layout.size))
     rows[:, :, index] = sum(parts) / fitted.noise[number].floor[:, None]
     rows[:, fitted.noise[number].left_out] = 0.0

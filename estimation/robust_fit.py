@@ -11,7 +11,7 @@ from scipy.fft import dct, idct
 
 from estimation.case import Case
 from estimation.confidence_intervals import Intervals, intervals
-from estimation.fit import Fit, recordings_of, require_positive_fitted_mass, unchecked_fit
+from estimation.fit import Fit, Loads, recordings_of, require_positive_fitted_mass, unchecked_fit
 from estimation.least_squares.estimates import PARAMETER_COLUMNS, Estimate
 from estimation.multiplicity import normal_isf
 from estimation.noise.power_spectrum import MIN_ORDINATES, power_levels, smooth_power_spectra
@@ -276,8 +276,9 @@ class RobustFit(Tabular):
 
 def robust_fit(
     model: WrenchModel,
-    recordings: Recording | Iterable[Recording],
+    recordings: Recording | Iterable[Recording] | Mapping[str, Recording],
     *,
+    loads: Loads | None = None,
     loss: Loss | None = None,
     start: Mapping[str, float] | None = None,
 ) -> RobustFit:
@@ -287,8 +288,10 @@ def robust_fit(
     ----------
     model : WrenchModel
         The model, with its effects.
-    recordings : Recording or iterable of Recording
-        Recordings of one rig and tool.
+    recordings : Recording, iterable of Recording, or mapping of str to Recording
+        Recordings of one rig and sensor, perhaps by name.
+    loads : mapping of str to Load or str, or to several, optional
+        What the sensor carried beside the tool in a recording, by its name, as for `fit`; by default nothing.
     loss : Loss, optional
         `Huber` or `StudentT`; by default Huber(1.345).
     start : mapping of str to float, optional
@@ -328,7 +331,7 @@ def robust_fit(
     (True, 0.9, 0.9)
     """
     require_model(model, "robust_fit")
-    return robust_fit_case(Case.of(model, recordings_of(recordings, "robust_fit")), loss=loss, start=start)
+    return robust_fit_case(Case.of(model, recordings_of(recordings, "robust_fit", loads)), loss=loss, start=start)
 
 
 def robust_fit_case(case: Case, *, loss: Loss | None = None, start: Mapping[str, float] | None = None) -> RobustFit:

@@ -26,6 +26,7 @@ from modeling.kinematics.placement import (
     translated,
     unit_direction,
 )
+from modeling.rigid_body import Load
 from modeling.table import Table, shortened
 
 UNITS = {"link_lengths": "m", "tip_length": "m", "gravity": "m/s²", "x": "m", "y": "m", "z": "m"}
@@ -237,6 +238,8 @@ class Rig:
         Noise, range, convention and tolerance of the sensor, where stated.
     columns : mapping, optional
         Names of the columns of this rig's logs, as in a map of `truewrench import`.
+    loads : tuple of (str, Load), optional
+        What recordings carried beside the tool: the name of a file, with as many of its folders as tell it, and a load.
 
     Examples
     --------
@@ -258,6 +261,7 @@ class Rig:
     workspace: Workspace | None = None
     sensor: SensorDescription = SensorDescription()
     columns: Mapping[str, Any] | None = None
+    loads: tuple[tuple[str, Load], ...] = ()
 
     @classmethod
     def read(cls, path: str | Path) -> Self:
@@ -291,6 +295,7 @@ class Rig:
             workspace=_workspace(tables, arm, where, folder),
             sensor=_sensor(tables["sensor"]),
             columns=tables["columns"],
+            loads=_loads(tables["load"], where),
         )
 
     @cached_property
@@ -299,6 +304,11 @@ class Rig:
         arm = self.spatial_arm if self.link_lengths is None else PlanarArm(self.link_lengths)
         direction = self.gravity_direction
         return arm if arm is None or direction is None else arm.mounted(direction)
+
+    def loads_of(self, path: str | Path) -> tuple[Load, ...]:
+        """What the recording in a file carried beside the tool."""
+        parts = Path(path).parts
+        return tuple(load for name, load in self.loads if parts[-len(Path(name).parts) :] == Path(name).parts)
 
     @property
     def table(self) -> Table:
@@ -337,6 +347,8 @@ class Rig:
         data: dict[str, Any] = {"robot": _stated(robot), "sensor": _sensor_data(self.sensor)}
         if self.columns is not None:
             data["columns"] = dict(self.columns)
+        if self.loads:
+            data["load"] = [{"recording": name} | load.to_data() for name, load in self.loads]
         if self.limits is not None:
             data |= _limits_data(self.limits)
         if self.workspace is not None:
@@ -346,6 +358,18 @@ class Rig:
 
 def _stated(table: Mapping[str, object]) -> dict[str, Any]:
     return {key: value for key, value in table.items() if value is not None}
+
+
+def _loads(tables: Sequence[Mapping[str, Any]], where: str) -> tuple[tuple[str, Load], ...]:
+    """Each load with the recording that it is of."""
+    loads: list[tuple[str, Load]] = []
+    for table in tables:
+        named = table["recording"]
+        load = Load.from_data(table)
+        loads += [(name, load) for name in ([named] if isinstance(named, str) else named)]
+    if empty := next((load for name, load in loads if not Path(name).parts), None):
+        raise InputError(what=f"load {empty}: recording is empty", where=where, remedy="name a file")
+    return tuple(loads)
 
 
 def _listed(values: NDArray[np.float64] | tuple[float, ...] | None) -> list[Any] | None:

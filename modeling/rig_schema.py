@@ -256,6 +256,26 @@ class BodyTable(StrictTable):
         return self
 
 
+class LoadTable(StrictTable):
+    """[[load]]: what recordings of these names carried beside the tool, in kg, m and, about the centre, kg m²."""
+
+    recording: str | list[str]
+    name: str = ""
+    mass: PositiveNumber | None = None
+    at: Annotated[list[Coordinate], Field(max_length=3)] = []
+    inertia: Annotated[list[Coordinate], Field(max_length=6)] = []
+    mass_std: Annotated[float, AfterValidator(_not_negative)] = 0.0
+    at_std: Annotated[float, AfterValidator(_not_negative)] = 0.0
+
+    @model_validator(mode="after")
+    def _is_of_something(self) -> Self:
+        if self.mass is None and not self.name:
+            raise ValueError("expected a mass, or the name of a body of unknown mass, got neither")
+        if len(self.inertia) == 6:
+            _inertia(self.inertia)
+        return self
+
+
 class FrictionTable(StrictTable):
     """[friction] of the joints, in N m s/rad and N m, or N s/m and N."""
 
@@ -297,6 +317,7 @@ class RigTable(StrictTable):
     capsule: list[CapsuleTable] = []
     half_space: list[HalfSpaceTable] = []
     body: list[BodyTable] = []
+    load: list[LoadTable] = []
     friction: FrictionTable | None = None
     sensor: SensorTable = SensorTable()
     columns: dict[str, Any] | None = None

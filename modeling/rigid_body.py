@@ -1,14 +1,23 @@
-"""Rigid-body wrench by Newton-Euler, linear in mass, first moment and inertia."""
+"""Rigid bodies: the tool's wrench by Newton-Euler, linear in its moments, and what is carried beside the tool."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields
 from functools import lru_cache
+from math import isfinite
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
 
 from modeling import symbolic as sp
+from modeling.errors import InputError, quoted
 from modeling.parameter import Parameter
 from modeling.space import Space, vector
+
+Array = NDArray[np.float64]
 
 
 def contact_components(space: Space) -> tuple[str, ...]:
@@ -109,3 +118,147 @@ def _sum_over_body(density: sp.Expr, r: sp.Matrix, body: RigidBody) -> sp.Expr:
         )
         total += coefficient * moment
     return total
+
+
+# ------------------------------------------------------------------------------- what is carried beside the tool
+
+NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+WRITTEN = re.compile(
+    rf"(?P<mass>{NUMBER})(?:(?:±|\+-)(?P<mass_std>{NUMBER}))?"
+    rf"(?:@(?P<at>{NUMBER}(?:,{NUMBER})*)(?:(?:±|\+-)(?P<at_std>{NUMBER}))?)?"
+)
+"""MASS@X,Y,Z with the std of either behind it, as in 2.000+-0.001@0,0,0.05+-0.001; kg, m."""
+LARGEST_LOAD = 1e4
+"""kg, and m: what is more is in other units."""
+LOAD_REMEDY = "write MASS@X,Y,Z in kg and m, as 2.000+-0.001@0,0,0.05+-0.001, or the name of a body of unknown mass"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Load:
+    """A body that the sensor carries in a recording, beside the tool or, where its mass is unknown, as another tool.
+
+    Parameters
+    ----------
+    name : str, optional
+        Of the body. Recordings with the same known one share its error; the tool with an unknown one has inertial
+        parameters of its own, `m@name`.
+    mass : float, optional
+        kg; by default None, an unknown body.
+    at : tuple of float, optional
+        Centre of mass, m, from the sensor's origin along the axes of the tool's parameters, those of the logged pose;
+        in the plane one number, along the tip. By default the origin.
+    inertia : tuple of float, optional
+        Ixx, Ixy, Ixz, Iyy, Iyz, Izz about its centre along the same axes, kg m²; one number in the plane. By default
+        that of a point.
+    mass_std, at_std : float, optional
+        Std of the mass, kg, and of each coordinate of the centre, m; by default 0.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> tw.Load.of("2.000+-0.001@0,0,0.05").mass
+    2.0
+    """
+
+    name: str = ""
+    mass: float | None = None
+    at: tuple[float, ...] = ()
+    inertia: tuple[float, ...] = ()
+    mass_std: float = 0.0
+    at_std: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.mass is None:
+            if not self.name:
+                raise InputError(what="a load has neither a mass nor a name", where="load", remedy=LOAD_REMEDY)
+            return
+        numbers = (self.mass, *self.at, *self.inertia, self.mass_std, self.at_std)
+        if not all(isfinite(n) and abs(n) < LARGEST_LOAD for n in numbers):
+            raise InputError(what=f"{self} has a number that is too large", where="load", remedy=LOAD_REMEDY)
+        if self.mass <= 0 or self.mass_std < 0 or self.at_std < 0:
+            raise InputError(what=f"{self}: the mass is positive, no std negative", where="load", remedy=LOAD_REMEDY)
+
+    @classmethod
+    def of(cls, given: Load | str) -> Load:
+        """What is written as MASS@X,Y,Z, or the name of an unknown body; InputError for anything else."""
+        if isinstance(given, Load):
+            return given
+        if not isinstance(given, str) or not given.strip():
+            raise InputError(what=f"{quoted(given)} is no load", where="load", remedy=LOAD_REMEDY)
+        text = given.strip()
+        if (match := WRITTEN.fullmatch(text.replace(" ", ""))) is None:
+            if not re.fullmatch(r"[^\W\d][\w .-]*", text):  # a name
+                raise InputError(what=f"{quoted(given)} is no load", where="load", remedy=LOAD_REMEDY)
+            return cls(name=text)
+        at = tuple(map(float, match["at"].split(","))) if match["at"] else ()
+        mass, mass_std, at_std = (float(match[name] or 0) for name in ("mass", "mass_std", "at_std"))
+        return cls(mass=mass, at=at, mass_std=mass_std, at_std=at_std)
+
+    @classmethod
+    def from_data(cls, data: Mapping[str, Any]) -> Self:
+        """Inverse of `to_data`, InputError as of a load; other keys are left out."""
+        stated: dict[str, Any] = {f.name: data[f.name] for f in fields(cls) if data.get(f.name) is not None}
+        numbers = {name: tuple(value) for name, value in stated.items() if isinstance(value, list)}
+        return cls(**(stated | numbers))
+
+    def to_data(self) -> dict[str, Any]:
+        """As plain data."""
+        return {k: list(v) if isinstance(v, tuple) else v for k, v in vars(self).items() if v not in (None, (), "")}
+
+    def __str__(self) -> str:
+        if self.mass is None:
+            return self.name
+        spread = f"±{self.mass_std:g}" if self.mass_std else ""
+        place = f" at ({', '.join(f'{x:g}' for x in self.at)}){f'±{self.at_std:g}' if self.at_std else ''} m"
+        return f"{self.name + ', ' if self.name else ''}{self.mass:g}{spread} kg{place if self.at else ''}"
+
+    @property
+    def known(self) -> bool:
+        """Whether its mass is known."""
+        return self.mass is not None
+
+    def moments(self, space: Space) -> Array:
+        """Its `inertial_parameters` (k,), about the sensor's origin."""
+        moments: Array = np.array(_moments_of_body(space)[0](*self._numbers(space)), dtype=float)
+        return np.asarray(moments.ravel(), dtype=np.float64)
+
+    def slopes(self, space: Space) -> Array:
+        """Change (c, k) of its moments by one std of its mass, and of each of its coordinates."""
+        rows = np.asarray(_moments_of_body(space)[1](*self._numbers(space)), dtype=float)
+        return np.array([self.mass_std, *([self.at_std] * (len(rows) - 1))])[:, None] * rows
+
+    def _numbers(self, space: Space) -> tuple[float, ...]:
+        """Mass, coordinates of the centre and moments about it; InputError for another number of them."""
+        assert self.mass is not None
+        coordinates = 1 if space is Space.PLANE else 3
+        moments = len(inertia_parameters(space))
+        if len(self.at) not in (0, coordinates) or len(self.inertia) not in (0, moments):
+            what = f"load {self}: {coordinates} coordinates and {moments} moments are of a load here"
+            along = "the distance along the tip" if space is Space.PLANE else "x, y, z from the sensor's origin"
+            raise InputError(what=what, where="load", remedy=f"give {along}, m")
+        return (self.mass, *(self.at or (0.0,) * coordinates), *(self.inertia or (0.0,) * moments))
+
+
+@lru_cache(maxsize=2)
+def _moments_of_body(space: Space) -> tuple[Any, Any]:
+    """The inertial parameters of a body of mass m at r with moments about its centre, and their derivative in m and r.
+
+    A point's inertia about the origin is m (r·r - r r'); the moments about the centre add to it.
+    """
+    size = 1 if space is Space.PLANE else 3
+    mass, *place = sp.symbols(f"m r_1:{size + 1}", real=True)
+    own = sp.symbols(f"J_1:{len(inertia_parameters(space)) + 1}", real=True)
+    r = place[0] * space.tip_axis if space is Space.PLANE else sp.Matrix(place)
+    about_origin = mass * (r.dot(r) * sp.eye(3) - r * r.T)
+    places = [(2, 2)] if space is Space.PLANE else [(i, j) for i in range(3) for j in range(i, 3)]
+    inertia = [about_origin[i, j] + moment for (i, j), moment in zip(places, own, strict=True)]
+    vector_of = sp.Matrix([mass, *(mass * x for x in place), *inertia])
+    arguments = (mass, *place, *own)
+    slopes = vector_of.jacobian([mass, *place]).T
+    return sp.lambdify(arguments, vector_of), sp.lambdify(arguments, slopes)
+
+
+def known_moments(loads: Iterable[Load], space: Space) -> Array | None:
+    """Sum (k,) of the inertial parameters of the known loads; None without any."""
+    known = [load.moments(space) for load in loads if load.known]
+    return np.array(known).sum(axis=0) if known else None

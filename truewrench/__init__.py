@@ -52,6 +52,7 @@ _NAMES: dict[str, tuple[str, ...]] = {
     "modeling.formulas.python_definition": ("own_effect",),
     "modeling.noise": ("ColouredNoise", "NoiseModel"),
     "modeling.rig": ("Rig",),
+    "modeling.rigid_body": ("Load",),
     "modeling.space": ("signals",),
     "truewrench.emitted": ("emit",),
     "truewrench.files.effects_file": ("read_effects",),
@@ -134,6 +135,7 @@ if TYPE_CHECKING:
     from modeling.noise import ColouredNoise as ColouredNoise
     from modeling.noise import NoiseModel as NoiseModel
     from modeling.rig import Rig as Rig
+    from modeling.rigid_body import Load as Load
     from modeling.space import signals as signals
     from truewrench import simulated_rig as simulated_rig
     from truewrench.emitted import emit as emit

@@ -16,6 +16,7 @@ from truewrench.options import (
     add_custom_effects,
     add_effect_changes,
     add_effect_ids,
+    add_loads,
     add_no_period,
     add_period,
     add_readings,
@@ -96,6 +97,7 @@ def diagnose(commands: Subcommands[Any]) -> argparse.ArgumentParser:
         "diagnose", help="physical effects missing from the model", description=text
     )
     add_recordings(command)
+    add_loads(command)
     add_period(command)
     add_readings(command)
     add_repeatable(command, "--validate", metavar="REC2", text="recording of another motion, never fitted")
@@ -120,6 +122,7 @@ def discover(commands: Subcommands[Any]) -> argparse.ArgumentParser:
         "discover", help="an equation for what no effect explains, or none", description=text
     )
     add_recordings(command)
+    add_loads(command)
     add_period(command)
     add_readings(command)
     add_repeatable(command, "--validate", metavar="REC2", text="recording of another motion, on which terms are tested")
@@ -166,6 +169,7 @@ def fit(commands: Subcommands[Any]) -> argparse.ArgumentParser:
         "fit", help="estimate the parameters of a given model", description=text
     )
     add_recordings(command)
+    add_loads(command)
     add_period(command)
     add_readings(command)
     add_effect_changes(command)

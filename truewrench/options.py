@@ -12,6 +12,7 @@ from typing import Any
 from modeling.effects import catalogue
 from modeling.errors import InputError, file_text, quoted, toml_data
 from modeling.kinematics.placement import LARGEST_NUMBER
+from modeling.rigid_body import Load
 from truewrench.files.output import REPORT_FILES, ProgressStyle, progress_style, require_writable_files
 
 PRESETS = (
@@ -28,6 +29,26 @@ def add_recordings(command: argparse.ArgumentParser) -> None:
     """Add the recordings and the rig file."""
     command.add_argument("recordings", nargs="+", metavar="REC", help="recording (CSV or Parquet), one rig and tool")
     command.add_argument("--rig", metavar="RIG", help="rig file (TOML), required for joint angles")
+
+
+def add_loads(command: argparse.ArgumentParser) -> None:
+    """Add --load."""
+    text = (
+        "what REC carried beside the tool: its mass and centre, 2.000+-0.001@0,0,0.05 (kg, m, std behind +-), or a name"
+    )
+    text += " of a body of unknown mass"
+    add_repeatable(command, "--load", metavar="REC=LOAD", text=text, value=load_of)
+
+
+def load_of(text: str) -> tuple[str, Load]:
+    """A recording and a load, as `two_kg.csv=2.0@0,0,0.05`; argparse reports its error in one line."""
+    name, _, load = text.rpartition("=")
+    try:
+        if not Path(name).parts:
+            raise InputError(what=f"{quoted(text)} names no recording", where="load", remedy="write REC=LOAD")
+        return name, Load.of(load)
+    except InputError as error:
+        raise argparse.ArgumentTypeError(f"{error.what}; {error.remedy}") from None
 
 
 def add_period(command: argparse.ArgumentParser) -> None:

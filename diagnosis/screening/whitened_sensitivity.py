@@ -18,6 +18,7 @@ from estimation.model_response import (
     model_response,
     motion_record,
     signals_are_periodic,
+    with_loads,
 )
 from estimation.noise.whitening import FourierLineWhitener, Whitener
 from estimation.parameter_layout import ParameterLayout, parameter_layout
@@ -156,6 +157,7 @@ def sensitivity_series(
     prediction = compiled_prediction(model)
     record = motion_record(model, recording.motion, theta[0], measured=first_readings(recording))
     outside = None if prediction.saturation is None else _clipped(model, recording, theta[0])
+    theta = with_loads(model, recording.loads, theta)
     repeats = all(signals_are_periodic(e.inputs, recording.motion) for e in (prediction.load, prediction.bias))
     for emitted, passed in ((prediction.load, True), (prediction.bias, False)):
         if not set(which) & set(emitted.active):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -99,12 +100,14 @@ def read(
     as_it_stands = preset is None and map is None and period is None and clock_offset is None
     as_it_stands = as_it_stands and not (rig is not None and rig.columns)
     if len(sources) == 1 and as_it_stands and is_recording(Path(sources[0])):
-        return _as_it_stands(Path(sources[0]), rig, strict=strict, one_run=one_run)
-    recorded = imported(
-        *sources, rig=rig, preset=preset, map=map, period=period, strict=strict, one_run=one_run,
-        clock_offset=clock_offset,
-    )  # fmt: skip
-    return recorded.recording(rig)
+        recording = _as_it_stands(Path(sources[0]), rig, strict=strict, one_run=one_run)
+    else:
+        recorded = imported(
+            *sources, rig=rig, preset=preset, map=map, period=period, strict=strict, one_run=one_run,
+            clock_offset=clock_offset,
+        )  # fmt: skip
+        recording = recorded.recording(rig)
+    return _carrying(recording, rig, sources)
 
 
 def imported(
@@ -166,9 +169,14 @@ def read_with_rig(
     is_episode = episode_of(Path(path)) is not None  # whose description names its columns
     if period is not None or (rig is not None and rig.columns) or is_episode:
         return read(path, rig=rig, period=period, one_run=one_run or every_row)
-    if every_row:
-        return read_recording(path, rig=rig)
-    return _as_it_stands(Path(path), rig, one_run=one_run)
+    recording = read_recording(path, rig=rig) if every_row else _as_it_stands(Path(path), rig, one_run=one_run)
+    return _carrying(recording, rig, [path])
+
+
+def _carrying(recording: Recording, rig: Rig | None, sources: Sequence[str | Path]) -> Recording:
+    """The recording with the loads that the rig states of one of its files."""
+    loads = () if rig is None else tuple(dict.fromkeys(load for path in sources for load in rig.loads_of(path)))
+    return recording.carrying(*loads) if loads else recording
 
 
 def _as_it_stands(path: Path, rig: Rig | None, *, strict: bool = False, one_run: bool = False) -> Recording:

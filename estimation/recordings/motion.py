@@ -22,6 +22,7 @@ from estimation.recordings.repeat_motion import differing_columns, motion_differ
 from modeling.kinematics.arm import Arm
 from modeling.kinematics.placement import motion_in_world
 from modeling.rig import Rig
+from modeling.rigid_body import Load
 
 Array = NDArray[np.float64]
 
@@ -199,11 +200,13 @@ class Motion:
     """The motion of a recording: its columns, their form, and the signals that are inputs of a model.
 
     rig         the rig with its kinematics and its base; None without one
+    loads       what moved beside the tool, or instead of it
     """
 
     recorded: MotionColumns
     form: MotionForm
     rig: Rig | None = None
+    loads: tuple[Load, ...] = ()
 
     @property
     def arm(self) -> Arm | None:

@@ -14,6 +14,8 @@ from estimation.recordings.motion import CLOCK_OFFSET, Motion, MotionColumns, Mo
 from modeling.errors import InputError
 from modeling.kinematics.arm import Arm
 from modeling.rig import PLANAR_CHANNELS, Rig
+from modeling.rigid_body import Load
+from modeling.space import Space
 from modeling.table import Column, Table, Tabular, Value
 
 if TYPE_CHECKING:
@@ -100,6 +102,8 @@ class Recording(Tabular):
         names = "motion " + " ".join(name for name in used if name in self.columns)
         if self.auxiliary:
             names += f"; auxiliary signals {' '.join(self.auxiliary)}"
+        if self.loads:
+            names += f"; carries {' and '.join(map(str, self.loads))}"
         return f"Recording {self.name!r}: {runs}{self.samples_per_repeat} {length}, {' '.join(self.channels)}; {names}"
 
     def __str__(self) -> str:
@@ -232,7 +236,30 @@ class Recording(Tabular):
         own, rig = self.rig or Rig(), other.rig or Rig()
         mounted = rig if rig.gravity_direction is not None else replace(rig, gravity_direction=own.gravity_direction)
         same_base = mounted.arm == own.arm and mounted.gravity_direction == own.gravity_direction
-        return same_base and self.form is other.form and other.moved_as_measured in (None, self.moved_as_measured)
+        same_motion = same_base and self.form is other.form and self.loads == other.loads
+        return same_motion and other.moved_as_measured in (None, self.moved_as_measured)
+
+    @property
+    def loads(self) -> tuple[Load, ...]:
+        """What the sensor carried beside the tool; an unknown body makes it another tool."""
+        return self.motion.loads
+
+    @property
+    def tool(self) -> str:
+        """Name of the tool: of the unknown bodies that the sensor carried, empty for the tool alone."""
+        return "+".join(load.name for load in self.loads if not load.known)
+
+    def carrying(self, *loads: Load | str) -> Recording:
+        """The recording of a sensor that carried these beside the tool.
+
+        A load is a `Load`, a text such as "2.000+-0.001@0,0,0.05" (MASS@X,Y,Z, kg and m in the sensor frame), or the
+        name of an unknown body. Raises InputError for anything else.
+        """
+        carried = tuple(map(Load.of, loads))
+        for load in carried:
+            if load.known:
+                load.moments(Space(self.dimension))  # raises for coordinates of another space
+        return self.moved(loads=carried)
 
     def averaged(self, series: Array) -> Array:
         """Series (n, k) averaged over the repeats, the average repeated to n samples."""

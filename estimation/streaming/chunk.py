@@ -100,7 +100,7 @@ def chunks(recording: Recording, size: int, overlap: int = 0, *, run: str | None
     Raises
     ------
     InputError
-        For a size below 1 or below the overlap, on iteration.
+        For a size below 1 or below the overlap, or a recording that carries loads, on iteration.
 
     Examples
     --------
@@ -112,6 +112,9 @@ def chunks(recording: Recording, size: int, overlap: int = 0, *, run: str | None
     if not size >= max(overlap, 1) or overlap < 0:
         what = f"chunks of {size} samples with an overlap of {overlap}"
         raise InputError(what=what, where=recording.name, remedy="give a size above 0 and not below the overlap")
+    if recording.loads:
+        what = f"it carries {recording.loads[0]}, which chunks do not say"
+        raise InputError(what=what, where=recording.name, remedy="fit it as a whole recording")
     whole = Chunk(run=run or recording.name, signals=recording.motion.model_signals, wrench=recording.wrench)
     length = recording.samples if recording.continuous else recording.samples_per_repeat
     for begin in range(0, recording.samples, length):

@@ -47,7 +47,9 @@ CATALOGUE: tuple[type[Effect], ...] = tuple(
 STATED: tuple[type[Effect], ...] = (
     geometry.GravityMagnitude, sensor.ChannelGain, sensor.CommonGain, disturbances.ZeroDrift,
 )  # fmt: skip
-"""Effects that a budget of uncertainty states and no recording tells from the tool: none is searched for or fitted."""
+"""Effects that a budget of uncertainty states and no recording of one weight tells from the tool."""
+WEIGHED: tuple[type[Effect], ...] = (sensor.ChannelGain, sensor.CommonGain)
+"""Those of them that known loads tell, and that a model may have."""
 
 
 def __getattr__(name: str) -> NoReturn:
@@ -76,9 +78,14 @@ def every_kind() -> tuple[type[Effect], ...]:
     return (*CATALOGUE, *(plugin.loaded for plugin in plugins(EFFECTS, _of_package) if plugin.loaded is not None))
 
 
-def catalogue(space: Space | None = None) -> tuple[Effect, ...]:
-    """One instance of every effect, also of packages installed beside, or of those defined in the given space."""
-    return tuple(effect() for effect in every_kind() if space is None or space in effect.spaces)
+def catalogue(space: Space | None = None, *, weighed: bool = False) -> tuple[Effect, ...]:
+    """One instance of every effect, also of packages installed beside, or of those defined in the given space.
+
+    Of recordings `weighed` with known loads the gain of every channel is one, in place of the gains relative to the
+    first.
+    """
+    kinds = (sensor.ChannelGain if weighed and kind is sensor.SensorGain else kind for kind in every_kind())
+    return tuple(effect() for effect in kinds if space is None or space in effect.spaces)
 
 
 def named(effect_id: str) -> Effect:
@@ -86,7 +93,7 @@ def named(effect_id: str) -> Effect:
 
     Raises InputError for an unknown id.
     """
-    for effect in every_kind():
+    for effect in (*every_kind(), *WEIGHED):
         if effect.id == effect_id:
             return effect()
     remedy = suggestion(effect_id, [effect.id for effect in every_kind()], most=len(CATALOGUE))

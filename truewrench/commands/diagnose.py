@@ -42,6 +42,7 @@ def run(arguments: argparse.Namespace) -> None:
         one_run=arguments.no_period,
         read=arguments.read,
         as_read=arguments.as_read,
+        loads=arguments.load,
     )
     calibration = None if arguments.calibration is None else _calibration_of(case, arguments.calibration)
     custom = custom_effects(arguments.effects, case)

@@ -32,6 +32,7 @@ def run(arguments: argparse.Namespace) -> None:
         one_run=arguments.no_period,
         read=arguments.read,
         as_read=arguments.as_read,
+        loads=arguments.load,
     )
     custom = custom_effects(arguments.effects, case)
     if saved is not None:

@@ -50,7 +50,7 @@ if TYPE_CHECKING:
 
 IN_MEMORY_ONLY = (
     *("robust", "bounds", "physical", "inside", "prior", "error_bound"),
-    *("runs", "effects", "validate", "period", "read", "budget"),
+    *("runs", "effects", "validate", "period", "read", "budget", "load"),
 )
 """Options that need the whole recording in memory."""
 STREAMED_ROWS = 500_000
@@ -77,6 +77,7 @@ def run_in_memory(arguments: argparse.Namespace) -> None:
         one_run=arguments.no_period,
         read=arguments.read,
         as_read=arguments.as_read,
+        loads=arguments.load,
     )
     custom = custom_effects(arguments.effects, case)
     case = replace(case, model=with_effects_changed(case.model, arguments.add, arguments.drop, custom))

@@ -24,8 +24,9 @@ from estimation.recordings.sign_convention import (
 )
 from modeling.chain.model import ALIGNED_MOUNTING, planar, spatial
 from modeling.chain.sensor_axes import turn_words
-from modeling.errors import InputError, quoted
+from modeling.errors import InputError, quoted, suggestion
 from modeling.rig import Convention, Rig
+from modeling.rigid_body import Load
 
 
 def read_case(
@@ -37,19 +38,45 @@ def read_case(
     one_run: bool = False,
     read: Collection[str] = (),
     as_read: bool = False,
+    loads: Sequence[tuple[str, Load]] = (),
 ) -> Case:
     """The case of these files, with the rigid tool for a model; `rig` is a rig, or the path of its file.
 
+    `loads` are of files by their names, beside those that the rig states.
     `period`, s, is that of the training recordings' motion: others have their own. With `one_run` no repeats are looked
     for. Raises InputError for whatever cannot be used: a file, a recording given twice, recordings of different
     sensors, a convention that the data cannot decide.
     """
     description = rig if rig is None or isinstance(rig, Rig) else Rig.read(rig)
+    if loads:
+        description = _with_loads(description or Rig(), loads, (*training, *validation))
     periods = (*(period for _ in training), *(None for _ in validation))
     recordings = read_recordings((*training, *validation), rig=description, periods=periods, one_run=one_run)
     return rigid_tool_case(
         recordings[: len(training)], recordings[len(training) :], description, read=read, as_read=as_read
     )
+
+
+def _with_loads(rig: Rig, loads: Sequence[tuple[str, Load]], files: Sequence[str]) -> Rig:
+    """The rig with further loads; InputError for one of none of the files."""
+    stated = replace(rig, loads=tuple(loads))
+    for name, load in loads:
+        if not any(load in stated.loads_of(file) for file in files):
+            remedy = suggestion(name, [Path(file).name for file in files])
+            raise InputError(what=f"no recording is called {quoted(name)}", where="--load", remedy=remedy)
+    return replace(rig, loads=(*rig.loads, *loads))
+
+
+def load_sentences(case: Case) -> list[str]:
+    """What the recordings carried, and what the rig states of none of them."""
+    several = (*case.recordings, *case.held_out)
+    sentences = [f"{r.name} carries {' and '.join(map(str, r.loads))} beside the tool." for r in several if r.loads]
+    used = {load for recording in several for load in recording.loads}
+    rigs = {name: load for r in several for name, load in (r.rig.loads if r.rig is not None else ())}
+    idle = [name for name, load in rigs.items() if load not in used]
+    if idle:
+        sentences.append(f"The rig states loads of {', '.join(idle)}, of which no recording is given.")
+    return sentences
 
 
 def rigid_tool_case(
@@ -193,6 +220,7 @@ def convention_data(sign: SignDecision) -> dict[str, Any]:
 def frame_sentences(case: Case, *, detailed: bool = False) -> list[str]:
     """What the data decided of frames: gravity's direction, the sign convention; `detailed`, with its estimates."""
     sentences = [] if case.sign is None else [convention_sentence(case.sign, detailed=detailed)]
+    sentences = [*load_sentences(case), *sentences]
     readings = [doubted.sentence for doubted in case.readings]
     if not all(doubted.adopted and (doubted.of_log or doubted.id in OF_ROWS) for doubted in case.readings):
         return [*readings, *([] if case.misread else sentences)]
@@ -211,7 +239,9 @@ def frames_data(case: Case) -> dict[str, Any]:
     """The same as data."""
     gravity = {} if case.gravity is None else {"gravity": case.gravity.to_data()}
     sign = {} if case.sign is None else {"sign": convention_data(case.sign)}
-    return gravity | sign | {"readings": readings_data(case)}
+    several = (*case.recordings, *case.held_out)
+    loads = {recording.name: [load.to_data() for load in recording.loads] for recording in several if recording.loads}
+    return gravity | sign | {"readings": readings_data(case)} | ({"loads": loads} if loads else {})
 
 
 def readings_data(case: Case) -> list[dict[str, Any]]:
