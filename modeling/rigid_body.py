@@ -225,7 +225,8 @@ class Load:
     def slopes(self, space: Space) -> Array:
         """Change (c, k) of its moments by one std of its mass, and of each of its coordinates."""
         rows = np.asarray(_moments_of_body(space)[1](*self._numbers(space)), dtype=float)
-        return np.array([self.mass_std, *([self.at_std] * (len(rows) - 1))])[:, None] * rows
+        stds = np.array([self.mass_std, *([self.at_std] * (len(rows) - 1))])
+        return np.asarray(stds[:, None] * rows, dtype=np.float64)
 
     def _numbers(self, space: Space) -> tuple[float, ...]:
         """Mass, coordinates of the centre and moments about it; InputError for another number of them."""

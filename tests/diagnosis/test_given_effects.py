@@ -10,6 +10,7 @@ import pytest
 
 from diagnosis.diagnosis import Diagnosis, diagnose
 from diagnosis.verdict_rule import RecordVerdict
+from estimation.case import Case
 from modeling.chain.model import planar
 from modeling.effects import named
 from tests.shared.recordings import CANDIDATES, DRAG, drag_and_leak
@@ -64,13 +65,13 @@ def test_what_is_rightly_given_has_no_alternative() -> None:
 
 
 def test_candidates_are_chosen_by_id() -> None:
-    everything = [e.id for e in candidate_effects(planar(RIG), [], [])]
+    everything = [e.id for e in candidate_effects(Case(planar(RIG), ()), [], [])]
     assert len(everything) > 20
-    assert [e.id for e in candidate_effects(planar(RIG), ["sensor_lag", "com_offset"], [])] == [
+    assert [e.id for e in candidate_effects(Case(planar(RIG), ()), ["sensor_lag", "com_offset"], [])] == [
         "sensor_lag",
         "com_offset",
     ]
-    assert [e.id for e in candidate_effects(planar(RIG), [], ["sensor_lag"])] == [
+    assert [e.id for e in candidate_effects(Case(planar(RIG), ()), [], ["sensor_lag"])] == [
         i for i in everything if i != "sensor_lag"
     ]
 

@@ -20,7 +20,7 @@ def run(arguments: argparse.Namespace) -> None:
     case = read_case([arguments.recording], rig=arguments.rig, period=arguments.period, one_run=arguments.no_period)
     custom = custom_effects(arguments.effects, case)
     case = replace(case, model=with_effects_changed(case.model, arguments.given, [], custom))
-    candidates = candidate_effects(case.model, arguments.only, arguments.without, custom)
+    candidates = candidate_effects(case, arguments.only, arguments.without, custom)
     with suspicions_named(case.recordings), progress_line() as progress:
         calibration = calibrate(
             case.model,

@@ -48,7 +48,7 @@ def run(arguments: argparse.Namespace) -> None:
     custom = custom_effects(arguments.effects, case)
     model = with_effects_changed(case.model, arguments.given, [], custom)
     case = replace(case, model=model, tilt_fitted=case.tilt_fitted and GravityTilt.id not in arguments.given)
-    candidates = candidate_effects(case.model, arguments.only, arguments.without, custom)
+    candidates = candidate_effects(case, arguments.only, arguments.without, custom)
     with suspicions_named((*case.recordings, *case.held_out)):
         diagnosis = diagnosed(case, candidates)
     diagnosis = diagnosis if calibration is None else diagnosis.calibrated(calibration)

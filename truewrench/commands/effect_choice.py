@@ -41,13 +41,14 @@ def with_effects_changed(
 
 
 def candidate_effects(
-    model: WrenchModel, only: list[str], without: list[str], custom: tuple[Effect, ...] = ()
+    case: Case, only: list[str], without: list[str], custom: tuple[Effect, ...] = ()
 ) -> tuple[Effect, ...]:
-    """The candidates: catalogue and custom effects, or `only` those of these ids, less those `without`.
+    """The candidates of a case: catalogue and custom effects, or `only` those of these ids, less those `without`.
 
     Raises InputError for an unknown id, for one that is not defined for these channels, and when none is left.
     """
-    listed = {effect.id: effect for effect in (*catalogue(model.space), *custom)}
+    model = case.model
+    listed = {effect.id: effect for effect in (*catalogue(model.space, weighed=case.weighed), *custom)}
     for option, ids in (("--only", only), ("--without", without)):
         for effect_id in ids:
             if effect_by_id(effect_id, custom).id not in listed:
