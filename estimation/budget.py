@@ -37,6 +37,7 @@ from modeling.effects import STATED, named
 from modeling.errors import InputError, kind_of, quoted, suggestion
 from modeling.number_format import NOT_IDENTIFIABLE
 from modeling.parameter import Parameter, Role
+from modeling.rigid_body import Load, inertial_parameters
 
 Array = NDArray[np.float64]
 
@@ -54,15 +55,18 @@ RESAMPLES = 200
 class Source:
     """One number that the model holds at one value while the truth has it with a std.
 
-    parameter  of an effect that the model lacks, or of the model where a bound fixes it
+    parameter  of an effect that the model lacks, or of the model where a bound fixes it; `OF_LOAD` of a load
     std        in that parameter's unit
-    shifts     (r, k) change of the estimates for each unit: one row, or one for each recording in which it is another
+    shifts     (r, k) change of the estimates for each unit: one row, or one for each recording in which it is another,
+               or for each coordinate of a load
+    moved      of a load, which recordings carry it (n,), and its moments for each unit (r, k)
     """
 
     contribution: Contribution
     parameter: str
     std: float
     shifts: Array
+    moved: tuple[NDArray[np.bool_], Array] | None = None
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -213,7 +217,7 @@ def _parts_of_mean(contact: ContactWrench, mean: ContactMean) -> Mapping[str, Ar
 
 def budget(
     fit: Fit,
-    contributions: str | Path | Mapping[str, object] | Statement,
+    contributions: str | Path | Mapping[str, object] | Statement | None = None,
     *,
     effects: Iterable[Effect] = (),
     monte_carlo: int = 0,
@@ -225,8 +229,9 @@ def budget(
     ----------
     fit : Fit
         A fit by least squares.
-    contributions : str, Path, mapping or Statement
-        A budget file (TOML), a dictionary of its layout, or what was read of one; see the manual on file formats.
+    contributions : str, Path, mapping or Statement, optional
+        A budget file (TOML), a dictionary of its layout, or what was read of one; see the manual on file formats. By
+        default the masses and places alone of the loads that the recordings carried.
     effects : iterable of Effect, optional
         Custom effects that contributions name, beside those of the catalogue.
     monte_carlo : int, optional
@@ -274,6 +279,7 @@ def budget(
         raise InputError(what=f"{kind_of(fit)} has no derivatives to propagate by", where="budget", remedy=remedy)
     statement = stated_budget(contributions, monte_carlo)
     chosen = [(one, *_quantity(fit, one, statement.where, tuple(effects))) for one in statement.contributions]
+    statement, loads = _with_loads(statement, fit)
     added: dict[str, Effect] = {effect.id: effect for _, effect, _ in chosen if effect is not None}
     extended = _Extended.of(fit, tuple(added.values()))
     sources = tuple(
@@ -281,6 +287,7 @@ def budget(
         for one, _, parameters in chosen
         for p in parameters
     )
+    sources += tuple(extended.of_load(one, load, moments) for one, load, moments in loads)
     result = Budget.of(
         CalibratedModel.of(fit),
         fit.parameters,
@@ -293,12 +300,51 @@ def budget(
     return _checked(extended, result, monte_carlo, seed) if monte_carlo else result
 
 
-def stated_budget(contributions: str | Path | Mapping[str, object] | Statement, monte_carlo: int = 0) -> Statement:
+def stated_budget(
+    contributions: str | Path | Mapping[str, object] | Statement | None, monte_carlo: int = 0
+) -> Statement:
     """What a budget states, checked before any work together with the number of refits; InputError, in one line."""
     if monte_carlo and not (isinstance(monte_carlo, int) and FEWEST_TRIALS <= monte_carlo <= MOST_TRIALS):
         remedy = f"give {FEWEST_TRIALS} to {MOST_TRIALS}"
         raise InputError(what=f"{quoted(monte_carlo)} is no number of refits", where="Monte Carlo", remedy=remedy)
+    if contributions is None:
+        return Statement(())
     return contributions if isinstance(contributions, Statement) else Statement.read(contributions)
+
+
+OF_LOAD = "load"
+"""In place of a parameter's name: the mass or the place of a known load."""
+
+
+def uncertain_loads(fit: Fit) -> dict[Load, str]:
+    """The loads of a fit's recordings whose mass or place is uncertain, each once, with a name of its own."""
+    names: dict[Load, str] = {}
+    for recording in fit.recordings:
+        for load in recording.loads:
+            if load.known and (load.mass_std or load.at_std) and load not in names:
+                name = load.name or f"{load.mass:g} kg"
+                names[load] = name if name not in names.values() else f"{name} of {recording.name}"
+    return names
+
+
+def _with_loads(statement: Statement, fit: Fit) -> tuple[Statement, list[tuple[Contribution, Load, slice]]]:
+    """A statement with mass and place of each uncertain load, and which of its derivatives each is of."""
+    added = []
+    for load, name in uncertain_loads(fit).items():
+        for word, std, unit, rows in (
+            ("mass", load.mass_std, "kg", slice(0, 1)),
+            ("place", load.at_std, "m", slice(1, None)),
+        ):
+            if std:
+                added.append((Contribution(f"{word} of {name}"[:60], OF_LOAD, std, unit), load, rows))
+    if not (statement.contributions or added):
+        remedy = "state contributions, or the std of the loads: 2.000+-0.001@0,0,0.05+-0.001"
+        raise InputError(what="nothing that the model takes as known has a std", where=statement.where, remedy=remedy)
+    taken = {one.name for one in statement.contributions}
+    if clash := next((one.name for one, _, _ in added if one.name in taken), None):
+        what = "the name is that of a load's contribution"
+        raise InputError(what=what, where=f"{statement.where}: {clash}", remedy="give it another name")
+    return replace(statement, contributions=(*statement.contributions, *(one for one, _, _ in added))), added
 
 
 # ------------------------------------------------------------------- what a contribution is of
@@ -439,6 +485,24 @@ class _Extended:
             shifts[:, names.index(parameter)] = -1.0
         return shifts
 
+    def of_load(self, one: Contribution, load: Load, rows: slice) -> Source:
+        """The source of a load's mass, or of its place: other moments of the tool in the recordings that carry it."""
+        moments = load.slopes(self.fit.model.space)[rows]
+        carrying = np.array([load in recording.loads for recording in self.fit.recordings])
+        column = np.zeros((len(self.derivative), len(moments)))
+        for number, part in enumerate(self.parts):
+            if carrying[number]:
+                column[part] = self.derivative[part][:, self.moments_of(number)] @ moments.T
+        shifts = (self.solution.covariance @ (self.derivative.T @ column)).T
+        shifts[:, ~self.fit.identifiable] = 0.0
+        return Source(one, OF_LOAD, one.std, shifts, (carrying, moments))
+
+    def moments_of(self, number: int) -> NDArray[np.intp]:
+        """Places among the fit's unknowns of the moments of the tool in a recording."""
+        model, index = self.fit.model, self.fit.layout.index[number]
+        first = len(model.biases)
+        return index[first : first + len(inertial_parameters(model.space))]
+
 
 @dataclass(frozen=True, eq=False)
 class _DrawnReadings(RecordingInNoise):
@@ -479,11 +543,15 @@ def _checked(extended: _Extended, linear: Budget, trials: int, seed: int) -> Bud
         # Rows of unit variance, but for the estimates' share, which has the covariance that is reported.
         rows = rng.standard_normal(len(measured))
         rows += extended.derivative @ (noise - solution.covariance @ (extended.derivative.T @ rows))
-        several = any(len(x) > 1 for x in drawn)
+        several = any(len(x) > 1 or s.moved is not None for x, s in zip(drawn, linear.sources, strict=True))
         for number, part in enumerate(extended.parts if several else [slice(None)]):
             theta = extended.theta.copy()
             for x, source in zip(drawn, linear.sources, strict=True):
-                theta[names.index(source.parameter)] += x[number if len(x) > 1 else 0]
+                if source.moved is None:
+                    theta[names.index(source.parameter)] += x[number if len(x) > 1 else 0]
+                elif source.moved[0][number]:
+                    moments = [names.index(fit.unknowns[i].name) for i in extended.moments_of(number)]
+                    theta[moments] += x @ source.moved[1]
             rows[part] += (measured - extended.problem.residual(theta))[part]
         data = tuple(
             _DrawnReadings(each.recording, each.noise, rows[part])

@@ -11,7 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.case import Case, prepared
-from estimation.least_squares.estimates import Estimates, require_positive_mass, unknown_attribute
+from estimation.least_squares.estimates import (
+    Estimate,
+    Estimates,
+    NamedEstimates,
+    require_positive_mass,
+    unknown_attribute,
+)
 from estimation.least_squares.problem import LinearisedRows, Problem, Solution
 from estimation.least_squares.square_root_information import SquareRootInformation
 from estimation.model_response import ModelResponse, model_response, predicted_readings
@@ -44,6 +50,18 @@ Loads: TypeAlias = Mapping[str, "Load | str | Iterable[Load | str]"]
 
 MAX_NOISE_ROUNDS = 4
 """Fits, each in the noise that the residual of the last one shows."""
+
+
+@dataclass(frozen=True, eq=False)
+class ToolEstimates(NamedEstimates):
+    """The parameters of one of several tools, under the model's names, with the biases of a recording of it."""
+
+    name: str
+    model: WrenchModel
+    parameters: Mapping[str, Estimate]
+    theta: Array
+    covariance: Array
+    identifiable: NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,8 +121,26 @@ class Fit(Solution, Estimates):
 
         names, held = [p.name for p in self.unknowns], set(self.held)
         free = [direction for direction in self.unidentifiable if held.isdisjoint(direction.names)]
-        sentence = impossible_body(self.model, names, self.theta, self.covariance, free)
-        return [*super().remarks(), *([sentence] if sentence else []), *self._event_remarks()]
+        tools = ("", *self.layout.other_tools)
+        bodies = (impossible_body(self.model, names, self.theta, self.covariance, free, tool) for tool in tools)
+        return [*super().remarks(), *filter(None, bodies), *self._event_remarks()]
+
+    def of_tool(self, name: str) -> ToolEstimates:
+        """The estimates of the tool with an unknown load, by the model's names; InputError for another name."""
+        number = next((i for i, recording in enumerate(self.recordings) if recording.tool == name), None)
+        if number is None:
+            remedy = suggestion(name, self.layout.other_tools)
+            raise InputError(what=f"no recording carried {quoted(name)}", where="tool", remedy=remedy)
+        index = self.layout.index[number]
+        model = self.layout.models[number]
+        parameters = {
+            p.name: replace(self.parameters[self.unknowns[i].name], name=p.name)
+            for p, i in zip(model.parameters, index, strict=True)
+        }
+        within = np.ix_(index, index)
+        return ToolEstimates(
+            name, model, parameters, self.theta[index], self.covariance[within], self.identifiable[index]
+        )
 
     def _event_remarks(self) -> Iterator[str]:
         """What is said of the events of the recordings whose wrench is not constant."""
@@ -589,7 +625,8 @@ def require_positive_fitted_mass(fitted: Fit) -> None:
     Raises InputError: the readings have the sign convention opposite to the stated one.
     """
     names = ", ".join(r.name for r in fitted.recordings)
-    require_positive_mass(fitted.parameters["m"], fitted.model.convention, names)
+    for tool in ("", *fitted.layout.other_tools):
+        require_positive_mass(fitted.parameters[f"m@{tool}" if tool else "m"], fitted.model.convention, names)
 
 
 def reestimated_noise(estimated: Fit) -> tuple[RecordingNoise, ...]:

@@ -48,6 +48,12 @@ class ParameterLayout:
     index: tuple[NDArray[np.intp], ...]
 
     @property
+    def other_tools(self) -> tuple[str, ...]:
+        """Names of the tools with unknown loads, whose moments are parameters of their own."""
+        mass = f"{inertial_parameters(self.model.space)[0].name}@"
+        return tuple(p.name.removeprefix(mass) for p in self.parameters if p.name.startswith(mass))
+
+    @property
     def size(self) -> int:
         """The number of unknowns."""
         return len(self.parameters)

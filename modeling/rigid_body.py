@@ -223,10 +223,8 @@ class Load:
         return np.asarray(moments.ravel(), dtype=np.float64)
 
     def slopes(self, space: Space) -> Array:
-        """Change (c, k) of its moments by one std of its mass, and of each of its coordinates."""
-        rows = np.asarray(_moments_of_body(space)[1](*self._numbers(space)), dtype=float)
-        stds = np.array([self.mass_std, *([self.at_std] * (len(rows) - 1))])
-        return np.asarray(stds[:, None] * rows, dtype=np.float64)
+        """Derivative (1 + d, k) of its moments in the mass, kg, and in each coordinate of its centre, m."""
+        return np.array(_moments_of_body(space)[1](*self._numbers(space)), dtype=np.float64)
 
     def _numbers(self, space: Space) -> tuple[float, ...]:
         """Mass, coordinates of the centre and moments about it; InputError for another number of them."""

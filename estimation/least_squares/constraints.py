@@ -283,7 +283,7 @@ class Constraints:
         return given if isinstance(given, Bounds) else Bounds(given)
 
     def region(self, unknowns: ParameterLayout) -> FeasibleRegion:
-        """Feasible region of a fit's parameters; the tool is that of the first recording's model.
+        """Feasible region of a fit's parameters; a prior is of the tool that the model's own parameters are of.
 
         Raises InputError when a name is unknown, the tool's moments are not linear in the parameters, or the
         constraints are infeasible together (it names an irreducible subset).
@@ -300,6 +300,8 @@ class Constraints:
             raise InputError(what=what, where="inside", remedy="leave one of them out")
         if inertia is not None and self.inside is not None:
             inertia = inertia.within(self.inside)
+        if inertia is not None and unknowns.other_tools:
+            inertia = inertia.of_each_tool(unknowns.other_tools)
         region = FeasibleRegion(
             parameters=unknowns.parameters,
             stated={names.index(name): interval for name, interval in bounds.ends.items()},

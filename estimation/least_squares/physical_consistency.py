@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from statistics import NormalDist
 
 import numpy as np
@@ -24,16 +25,20 @@ def impossible_body(
     theta: Array,
     covariance: Array,
     unidentifiable: Sequence[UnidentifiableDirection] = (),
+    tool: str = "",
 ) -> str:
     """A sentence where no distribution of positive mass has the estimates, significantly or within their std.
 
     Empty where one has them, for some change along the `unidentifiable` directions, of which the data say nothing.
+    `tool` is the name of an unknown load, of the tool with which it is.
 
     The pseudo-inertia of a body is positive definite (P. M. Wensing, S. Kim and J.-J. E. Slotine, IEEE Robotics and
     Automation Letters 3, 2018). It is affine in the parameters. Its smallest eigenvalue, at its largest along those
     directions, is concave in the parameters, so that with its std to first order it is not taken as too low.
     """
     inertia = pseudo_inertia(model.base)
+    if tool:
+        inertia = replace(inertia, names=tuple(f"{name}@{tool}" for name in inertia.names))
     place = [names.index(name) for name in inertia.names]
     inertia_covariance = covariance[np.ix_(place, place)]
     matrix, changes = inertia.at(theta[place]), _changes(inertia, unidentifiable)
@@ -44,15 +49,16 @@ def impossible_body(
         return ""
     gradient = np.einsum("ij,kij->k", weight, inertia.slopes)
     std = float(np.sqrt(gradient @ inertia_covariance @ gradient))
+    whose = f"of the tool with {tool}: " if tool else ""
     estimate = f"{format_number(smallest, 2)} ± {format_number(std, 2)}"
     if smallest > -NormalDist().inv_cdf(1 - LEVELS.constraint) * std:
         return (
-            "the motion does not determine the inertia well enough for that of a body: the smallest eigenvalue of the"
-            f" pseudo-inertia is {estimate}; --physical, Constraints(physical=True), keeps it positive"
+            f"{whose}the motion does not determine the inertia well enough for that of a body: the smallest eigenvalue"
+            f" of the pseudo-inertia is {estimate}; --physical, Constraints(physical=True), keeps it positive"
         )
     return (
-        f"no body has these inertial parameters: their pseudo-inertia has the eigenvalue {estimate}, which must be"
-        " positive: something is missing in the model; --physical, Constraints(physical=True), keeps it positive"
+        f"{whose}no body has these inertial parameters: their pseudo-inertia has the eigenvalue {estimate}, which must"
+        " be positive: something is missing in the model; --physical, Constraints(physical=True), keeps it positive"
     )
 
 

@@ -35,6 +35,7 @@ class PseudoInertia:
     mass        indices of the rows of J with the mass; the others have second moments
     condition   J >= 0 as text
     room        names of the conditions of a volume, each a further row and column of J (`within`)
+    tools       how many there are, each with a block of J like the first, whose `mass` and `room` are stated
     """
 
     expression: sp.Matrix
@@ -44,6 +45,7 @@ class PseudoInertia:
     mass: tuple[int, ...]
     condition: str
     room: tuple[str, ...] = ()
+    tools: int = 1
 
     @property
     def size(self) -> int:
@@ -60,18 +62,29 @@ class PseudoInertia:
         slopes[[names.index(name) for name in self.names]] = self.slopes
         return replace(self, names=tuple(names), slopes=slopes)
 
+    def of_each_tool(self, names: Sequence[str]) -> PseudoInertia:
+        """The matrix that is >= 0 where those of this tool and of others are, whose parameters are `m@name`."""
+        count = len(names) + 1
+        every = tuple(f"{parameter}@{tool}" if tool else parameter for tool in ("", *names) for parameter in self.names)
+        blocks = np.eye(count)
+        slopes = [np.kron(np.diag(blocks[tool]), slope) for tool in range(count) for slope in self.slopes]
+        return replace(self, names=every, constant=np.kron(blocks, self.constant), slopes=np.array(slopes), tools=count)
+
     def with_margin(self) -> PseudoInertia:
         """The matrix that is >= 0 where J is by `CONSISTENCY_MARGIN`, in any units and for a tool of any size.
 
         J - margin tr(Sigma) [[1, 0], [0, 0]] is affine in theta as J is. Its Schur complement of the mass says that
         Sigma - c c'/m, the second moments about the centre of mass, has no eigenvalue below margin tr(Sigma).
         """
-        others = [i for i in range(self.size - len(self.room)) if i not in self.mass]
-        unit = np.zeros((self.size, self.size))
-        unit[others, others] = CONSISTENCY_MARGIN
+        block = self.size // self.tools
+        others = np.array([i for i in range(block - len(self.room)) if i not in self.mass])
 
         def moved(matrices: Array) -> Array:
-            return np.asarray(matrices - matrices[..., others, others].sum(axis=-1)[..., None, None] * unit)
+            matrices = matrices.copy()
+            for places in (others + first for first in range(0, self.size, block)):
+                traces = matrices[..., places, places].sum(axis=-1)
+                matrices[..., places, places] -= CONSISTENCY_MARGIN * traces[..., None]
+            return matrices
 
         condition = f"{self.condition} by a margin of {CONSISTENCY_MARGIN:g}"
         return replace(self, constant=moved(self.constant), slopes=moved(self.slopes), condition=condition)

@@ -85,9 +85,9 @@ def run_in_memory(arguments: argparse.Namespace) -> None:
         progress("fit")
         summary = fit_summary_of(case, constraints, robust=arguments.robust)
         case = case.with_fitted_gravity(summary.fit.model, summary.fit.values)
-        if budget is not None:
+        if arguments.budget is not None:
             progress("budget")
-        budgeted = None if budget is None else budget(summary, custom)
+        budgeted = budget(summary, custom)
     certain = set_bounds_of(error_bound, summary.fit)
     further = {"set_bounds": certain, "budget": budgeted}
     print_fit(
@@ -126,27 +126,32 @@ def set_bounds_of(stated: Mapping[str, float], fitted: Fit) -> SetBounds | None:
     return set_bounds(fitted, stated)
 
 
-def budget_of(arguments: argparse.Namespace) -> Callable[[FitSummary, Sequence[Effect]], Budget] | None:
-    """What makes the budget of --budget, of a fit and custom effects; None without one.
+def budget_of(arguments: argparse.Namespace) -> Callable[[FitSummary, Sequence[Effect]], Budget | None]:
+    """What makes the budget of --budget and of the recordings' loads, of a fit and custom effects; None without any.
 
     Raises InputError, before any work, for a budget that cannot be.
     """
-    if arguments.budget is None:
-        if arguments.monte_carlo is not None:
-            raise InputError(what="there is no budget to check", where="--monte-carlo", remedy="give --budget FILE")
-        return None
-    if arguments.robust:
+    if arguments.budget is None and arguments.monte_carlo is not None and not arguments.load:
+        raise InputError(what="there is no budget to check", where="--monte-carlo", remedy="give --budget FILE")
+    if arguments.budget is not None and arguments.robust:
         what = "a budget is propagated by the derivatives of least squares"
         raise InputError(what=what, where="--budget", remedy="leave out --robust")
-    from estimation.budget import budget, stated_budget  # with the schema of its file
+    trials, statement = arguments.monte_carlo or 0, None
+    if arguments.budget is not None:
+        from estimation.budget import stated_budget  # with the schema of its file
 
-    trials = arguments.monte_carlo or 0
-    statement = stated_budget(arguments.budget, trials)
+        statement = stated_budget(arguments.budget, trials)
 
-    def of(summary: FitSummary, custom: Sequence[Effect]) -> Budget:
+    def of(summary: FitSummary, custom: Sequence[Effect]) -> Budget | None:
+        loads = [load for recording in summary.fit.recordings for load in recording.loads]
+        uncertain = any(load.known and (load.mass_std or load.at_std) for load in loads)
+        if statement is None and (not uncertain or arguments.robust or summary.unknown_tool):
+            return None
         if summary.unknown_tool:
             what = f"there is no budget of a tool that is not known, as {summary.unknown_tool}"
             raise InputError(what=what, where="--budget", remedy="leave out --budget to see the fit")
+        from estimation.budget import budget
+
         return budget(summary.fit, statement, effects=custom, monte_carlo=trials)
 
     return of

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from estimation.budget import Budget, Source, named_or_stated
+from estimation.budget import OF_LOAD, Budget, Source, named_or_stated
 from estimation.budget_table import TYPE_A, Contribution, Size, Statement
 from estimation.centre_of_mass import centre_of_mass_data
 from estimation.contact.contact_wrench import CalibratedModel
@@ -604,7 +604,7 @@ def _budget(table: _Budget, model: _Model, read: ModelFile, where: str) -> Budge
     if len(stated) < len(table.contributions) or stated.keys() & TYPE_A.keys():
         raise InputError(what="contributions: a name is used twice", where=place, remedy=REMEDY)
     for source in table.sources:
-        if source.contribution not in stated or source.parameter not in known:
+        if source.contribution not in stated or source.parameter not in (*known, OF_LOAD):
             what = f"no contribution or parameter is called {source.contribution[:40]}, {source.parameter[:40]}"
             raise InputError(what=what, where=place, remedy=REMEDY)
     sources = tuple(

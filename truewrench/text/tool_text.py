@@ -8,7 +8,7 @@ import numpy as np
 
 from diagnosis.verdict.unexplained_residual import unknown_tool_sentences
 from estimation.centre_of_mass import SIGNIFICANT, CentreOfMass, centres_of_mass
-from estimation.fit import Fit
+from estimation.fit import Fit, ToolEstimates
 from estimation.least_squares.estimates import NOT_CONVERGED, EstimatedModel
 from estimation.noise.recording_noise import constant_channels
 from modeling.chain.sensor_axes import Axes, is_turned, sensor_to_pose, turn_words
@@ -132,7 +132,19 @@ def tool_lines(fitted: Fit, *, misfitting: bool, unknown: str = "") -> list[str]
     """
     turned = axes_sentence(fitted, misfitting=misfitting) if is_turned(fitted.model) else ""
     extent = "" if unknown else tool_extent_text(fitted)
-    return [line for line in (turned, tool_text(fitted, misfitting=misfitting, unknown=unknown), extent) if line]
+    others = [] if unknown else [other_tool_text(fitted.of_tool(name)) for name in fitted.layout.other_tools]
+    tool = tool_text(fitted, misfitting=misfitting, unknown=unknown)
+    return [line for line in (turned, tool, *others, extent) if line]
+
+
+def other_tool_text(tool: ToolEstimates) -> str:
+    """Mass and centre of mass of the tool with an unknown load; empty where the mass is not identifiable."""
+    mass = tool["m"]
+    if not isfinite(mass.std):
+        return ""
+    centres = [text for centre in centres_of_mass(tool) if (text := _coordinates(centre))]
+    where = f"; centre of mass {' and '.join(centres)}" if centres and mass.value > SIGNIFICANT * mass.std else ""
+    return f"With {tool.name}: m {estimate_text(mass.value, mass.std, mass.unit)}{where}."
 
 
 def tool_notes(fitted: Fit, *, misfitting: bool) -> list[str]:
