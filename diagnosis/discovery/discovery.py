@@ -349,7 +349,7 @@ def without_terms(recording: Recording, first: Fit, fitted: Fit) -> Recording:
     """A recording of another motion less what the terms found predict for it, their parameters as fitted."""
     if fitted is first:
         return recording
-    values = {name.partition("@")[0]: value for name, value in fitted.values.items()}
+    values = fitted.values
     readings = [
         predicted_readings(model, recording, np.array([values[p.name] for p in model.parameters]))
         for model in (fitted.model, first.model)

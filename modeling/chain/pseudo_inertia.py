@@ -67,8 +67,9 @@ class PseudoInertia:
         count = len(names) + 1
         every = tuple(f"{parameter}@{tool}" if tool else parameter for tool in ("", *names) for parameter in self.names)
         blocks = np.eye(count)
-        slopes = [np.kron(np.diag(blocks[tool]), slope) for tool in range(count) for slope in self.slopes]
-        return replace(self, names=every, constant=np.kron(blocks, self.constant), slopes=np.array(slopes), tools=count)
+        slopes = np.array([np.kron(np.diag(block), slope) for block in blocks for slope in self.slopes], dtype=float)
+        constant = np.kron(blocks, self.constant).astype(float)
+        return replace(self, names=every, constant=constant, slopes=slopes, tools=count)
 
     def with_margin(self) -> PseudoInertia:
         """The matrix that is >= 0 where J is by `CONSISTENCY_MARGIN`, in any units and for a tool of any size.

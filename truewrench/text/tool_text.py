@@ -8,9 +8,10 @@ import numpy as np
 
 from diagnosis.verdict.unexplained_residual import unknown_tool_sentences
 from estimation.centre_of_mass import SIGNIFICANT, CentreOfMass, centres_of_mass
-from estimation.fit import Fit, ToolEstimates
+from estimation.fit import Fit
 from estimation.least_squares.estimates import NOT_CONVERGED, EstimatedModel
 from estimation.noise.recording_noise import constant_channels
+from estimation.parameter_layout import main_tool
 from modeling.chain.sensor_axes import Axes, is_turned, sensor_to_pose, turn_words
 from modeling.chain.stages import Stage
 from modeling.effects.sensor import SensorGain
@@ -132,19 +133,27 @@ def tool_lines(fitted: Fit, *, misfitting: bool, unknown: str = "") -> list[str]
     """
     turned = axes_sentence(fitted, misfitting=misfitting) if is_turned(fitted.model) else ""
     extent = "" if unknown else tool_extent_text(fitted)
-    others = [] if unknown else [other_tool_text(fitted.of_tool(name)) for name in fitted.layout.other_tools]
+    others = [] if unknown else [other_tool_text(fitted, name) for name in fitted.layout.other_tools]
     tool = tool_text(fitted, misfitting=misfitting, unknown=unknown)
     return [line for line in (turned, tool, *others, extent) if line]
 
 
-def other_tool_text(tool: ToolEstimates) -> str:
-    """Mass and centre of mass of the tool with an unknown load; empty where the mass is not identifiable."""
-    mass = tool["m"]
+def other_tool_text(fitted: Fit, name: str) -> str:
+    """Mass and centre of mass of the tool with an unknown load, and the mass that it has more than the tool without.
+
+    Empty where the mass is not identifiable.
+    """
+    tool = fitted.of_tool(name)
+    mass, alone = tool["m"], fitted.parameters["m"]
     if not isfinite(mass.std):
         return ""
+    places = [list(fitted.parameters).index(p) for p in (f"m@{name}", "m")]
+    variance = np.array([1.0, -1.0]) @ fitted.covariance[np.ix_(places, places)] @ np.array([1.0, -1.0])
+    more = f", {estimate_text(mass.value - alone.value, sqrt(variance), mass.unit)} more than without"
+    more = more if isfinite(alone.std) and main_tool(fitted.recordings) == "" else ""
     centres = [text for centre in centres_of_mass(tool) if (text := _coordinates(centre))]
     where = f"; centre of mass {' and '.join(centres)}" if centres and mass.value > SIGNIFICANT * mass.std else ""
-    return f"With {tool.name}: m {estimate_text(mass.value, mass.std, mass.unit)}{where}."
+    return f"With {name}: m {estimate_text(mass.value, mass.std, mass.unit)}{more}{where}."
 
 
 def tool_notes(fitted: Fit, *, misfitting: bool) -> list[str]:

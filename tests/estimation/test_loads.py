@@ -1,0 +1,458 @@
+"""Several loads, one sensor: known masses tell its scale, unknown ones are tools of their own; MuJoCo simulates."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+from itertools import permutations
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.stats import binom
+
+import truewrench as tw
+from estimation.fit import Fit
+from estimation.parameter_layout import parameter_layout
+from estimation.recordings.recording import Recording
+from modeling.errors import InputError
+from modeling.rig import Rig
+from modeling.rigid_body import Load, known_moments
+from modeling.space import Space
+from tests.shared.recordings import base, recording_of
+from tests.shared.rigs import SIMULATED
+from truewrench import simulated_rig as hidden
+from truewrench.command_line import main
+from truewrench.simulated_rig.rigs import PlanarRig, SpatialRig
+
+pytest.importorskip("mujoco")
+Array = NDArray[np.float64]
+CHANNELS = Space.SPACE.channels
+TWO, SIDE = Load(mass=2.0, at=(0.0, 0.0, 0.05)), Load(mass=1.0, at=(0.06, -0.03, 0.02))
+LOADS = {"two": TWO, "side": SIDE}
+MATRIX = ("gain", "sensor_crosstalk")
+SIZE = np.array([1.0, 1.0, 1.0, 0.05, 0.05, 0.05])
+"""Of the torques over the forces, m: crosstalk is a share of a channel's usual load."""
+
+
+def carrying(load: Load | None) -> SpatialRig:
+    """The simulated rig with another body, a point: sums over its masses, none of the model's equations."""
+    rig = SIMULATED[Space.SPACE]
+    assert isinstance(rig, SpatialRig)
+    if load is None or load.mass is None:
+        return rig
+    x, y, z = load.at
+    at = np.array(load.at)
+    moments = np.array([y * y + z * z, -x * y, -x * z, x * x + z * z, -y * z, x * x + y * y])
+    return replace(
+        rig,
+        mass=rig.mass + load.mass,
+        first_moment=tuple(np.array(rig.first_moment) + load.mass * at),
+        inertia=tuple(np.array(rig.inertia) + load.mass * moments),
+    )
+
+
+@cache
+def wrenches(name: str, motion: int, effects: tuple[object, ...] = ()) -> Recording:
+    """Noise-free, with the rig's biases; of the empty rig or with one of the loads."""
+    rig = replace(carrying(LOADS.get(name)), noise=(1e-9,) * 6)
+    frame = hidden.simulate(
+        rig,
+        rig.random_motion(seed=motion),
+        hidden=list(effects),
+        repeats=3,
+        samples_per_period=150,
+        seed=1,  # type: ignore[arg-type]
+    )
+    return recording_of(frame, without=("temperature",))
+
+
+def recorded(matrix: Array, seed: int, effects: tuple[object, ...] = ()) -> dict[str, Recording]:
+    """Three recordings by a sensor with this matrix from true wrench to reading, each with noise of its own."""
+    rng = np.random.default_rng(seed)
+    several = {}
+    for motion, name in enumerate(("empty", *LOADS), 1):
+        clean = wrenches(name, motion, effects)
+        noise = rng.normal(0.0, SIMULATED[Space.SPACE].noise, clean.wrench.shape)
+        several[name] = clean.with_readings(clean.wrench @ matrix.T + noise)
+    return several
+
+
+def wrong_matrix(seed: int) -> tuple[Array, dict[str, float]]:
+    """A sensor with gains wrong by up to 5 % and crosstalk of up to 2 %, and its parameters."""
+    rng = np.random.default_rng(seed)
+    gains = 1 + rng.uniform(-0.05, 0.05, 6)
+    leaks = rng.uniform(-0.02, 0.02, (6, 6)) * SIZE[:, None] / SIZE
+    np.fill_diagonal(leaks, 0.0)
+    truth = {f"gain.{channel}": float(gain) for channel, gain in zip(CHANNELS, gains, strict=True)}
+    for i, j in permutations(range(6), 2):
+        truth[f"sensor_crosstalk.{CHANNELS[i]}_{CHANNELS[j]}"] = float(leaks[i, j])
+    return (np.eye(6) + leaks) @ np.diag(gains), truth
+
+
+def of_matrix() -> tw.WrenchModel:
+    model = base(Space.SPACE)
+    for effect in MATRIX:
+        model = model + effect
+    return model
+
+
+def weighed(seed: int) -> tuple[Fit, dict[str, float]]:
+    matrix, truth = wrong_matrix(seed)
+    fitted = tw.fit(of_matrix(), recorded(matrix, seed), loads=LOADS)
+    rig = SIMULATED[Space.SPACE]
+    return fitted, truth | {"m": rig.mass}
+
+
+# ------------------------------------------------------------------------------------------------- the load
+
+
+def test_moments_are_sums_over_the_masses_and_their_slopes_finite_differences() -> None:
+    rng = np.random.default_rng(0)
+    masses, places = rng.uniform(0.1, 0.4, 5), rng.uniform(-0.1, 0.1, (5, 3))
+    centre = masses @ places / masses.sum()
+    squares = np.einsum("n,nij->ij", masses, [r @ r * np.eye(3) - np.outer(r, r) for r in places - centre])
+    own = tuple(squares[np.triu_indices(3)])
+    load = Load(mass=float(masses.sum()), at=tuple(centre), inertia=own)
+    about = np.einsum("n,nij->ij", masses, [r @ r * np.eye(3) - np.outer(r, r) for r in places])
+    expected = [masses.sum(), *(masses @ places), *about[np.triu_indices(3)]]
+    np.testing.assert_allclose(load.moments(Space.SPACE), expected, rtol=1e-12)
+    step = 1e-6
+    for row, (mass, *at) in zip(load.slopes(Space.SPACE), step * np.eye(4), strict=True):
+        ends = [
+            replace(load, mass=load.mass + sign * mass, at=tuple(centre + sign * np.array(at))).moments(Space.SPACE)
+            for sign in (1, -1)
+        ]
+        np.testing.assert_allclose((ends[0] - ends[1]) / (2 * step), row, rtol=1e-7, atol=1e-9)
+
+
+def test_moments_in_the_plane_are_along_the_tip() -> None:
+    load = Load(mass=0.5, at=(0.2,), inertia=(0.003,))
+    np.testing.assert_allclose(load.moments(Space.PLANE), [0.5, 0.1, 0.5 * 0.04 + 0.003])
+    assert known_moments([Load(name="B")], Space.PLANE) is None
+
+
+@pytest.mark.parametrize(
+    ("text", "load"),
+    [
+        ("2.0@0,0,0.05", TWO),
+        ("2.000+-0.001@0,0,0.05+-0.002", replace(TWO, mass_std=0.001, at_std=0.002)),
+        ("2.0±1e-3@0,0,5e-2±0.002", replace(TWO, mass_std=0.001, at_std=0.002)),
+        ("1.5", Load(mass=1.5)),
+        ("gripper B", Load(name="gripper B")),
+    ],
+)
+def test_a_load_is_read_as_it_is_written(text: str, load: Load) -> None:
+    assert Load.of(text) == load
+    assert Load.from_data(json.loads(json.dumps(load.to_data()))) == load
+
+
+@pytest.mark.parametrize(
+    "text", ["", "-2@0,0,0", "0", "2kg", "2@0;0;0", "2+-", "2@", "1e99@0,0,0", "nan@0,0,0", "2@0,0,0,0+-x", "@0,0,0"]
+)
+def test_what_is_no_load_is_one_line(text: str) -> None:
+    with pytest.raises(InputError) as error:
+        Load.of(text)
+    assert "\n" not in str(error.value)
+
+
+def test_coordinates_of_another_space_are_refused_where_the_recording_is_known() -> None:
+    with pytest.raises(InputError, match="3 coordinates"):
+        wrenches("empty", 1).carrying("2.0@0.05")
+
+
+# ------------------------------------------------------------------------------------- the scale of a sensor
+
+
+def test_three_loads_tell_the_whole_matrix_and_one_recording_does_not() -> None:
+    fitted, truth = weighed(0)
+    assert fitted.reduced_chi_square == pytest.approx(1.0, abs=0.1)  # std 0.04
+    assert not fitted.unidentifiable
+    z = [(fitted.values[name] - value) / fitted.parameters[name].std for name, value in truth.items()]
+    assert np.sqrt(np.mean(np.square(z))) < 1.6  # 1 but for the scatter of 37, correlated: 5 std
+    alone = tw.fit(of_matrix(), recorded(wrong_matrix(0)[0], 0)["empty"])
+    assert np.isinf(alone.parameters["m"].std)
+    assert np.isinf(alone.parameters["gain.fx"].std)
+    wrong = tw.fit(base(Space.SPACE), recorded(wrong_matrix(0)[0], 0), loads=LOADS)
+    assert wrong.reduced_chi_square is not None
+    assert wrong.reduced_chi_square > 10
+
+
+@pytest.mark.long(25)
+def test_intervals_cover_gains_crosstalk_and_mass_of_twenty_sensors() -> None:
+    """Of 95 % intervals; the 37 of a set are correlated: p < 1e-4 were 120 of them independent."""
+    covered = []
+    for seed in range(20):
+        fitted, truth = weighed(seed)
+        ends = fitted.params
+        covered += [bool(ends.low[name] <= value <= ends.high[name]) for name, value in truth.items()]
+        assert abs(fitted.values["gain.fx"] - truth["gain.fx"]) < 5 * fitted.parameters["gain.fx"].std
+    share = float(np.mean(covered))
+    assert binom.cdf(round(120 * share), 120, 0.95) > 1e-4
+    assert share < 0.995
+
+
+def test_diagnose_names_the_gain_that_is_common_to_all_channels() -> None:
+    """A gain of 5 % in every channel: without loads it is the tool's mass, with them no other effect."""
+    several = recorded(1.05 * np.eye(6), 5)
+    candidates = ["gain", "sensor_crosstalk", "sensor_rotation", "viscous_drag", "gain_nonlinearity", "gravity_tilt"]
+    found = tw.diagnose(base(Space.SPACE), several, loads=LOADS, effects=candidates)
+    assert found.added == ("gain",)
+    for channel in CHANNELS:
+        estimate = found.fit.parameters[f"gain.{channel}"]
+        assert abs(estimate.value - 1.05) < 4 * estimate.std < 0.02
+    alone = tw.diagnose(base(Space.SPACE), several["two"], effects=candidates[1:])
+    assert alone.added == ()
+
+
+def test_nothing_is_found_where_nothing_is_hidden_and_drag_where_it_is() -> None:
+    candidates = ["gain", "sensor_crosstalk", "viscous_drag", "sensor_lag", "gravity_tilt", "sensor_rotation"]
+    assert tw.diagnose(base(Space.SPACE), recorded(np.eye(6), 6), loads=LOADS, effects=candidates).added == ()
+    dragged = recorded(np.eye(6), 7, (hidden.ViscousDrag(),))
+    found = tw.diagnose(base(Space.SPACE), dragged, loads=LOADS, effects=candidates)
+    assert found.added == ("viscous_drag",)
+
+
+def test_a_recording_with_a_load_is_that_of_the_heavier_tool() -> None:
+    """Known mass, known scale: the tool less the load, whichever recordings there are."""
+    recording = recorded(np.eye(6), 8)["two"]
+    heavy, light = tw.fit(base(Space.SPACE), recording), tw.fit(base(Space.SPACE), recording.carrying(TWO))
+    moved = heavy.theta - light.theta
+    expected = np.zeros(16)
+    expected[6:] = TWO.moments(Space.SPACE)
+    np.testing.assert_allclose(moved, expected, atol=1e-9)
+    np.testing.assert_allclose(heavy.covariance, light.covariance, rtol=1e-6, atol=1e-18)
+    assert not recording.carrying(TWO).is_reading_of(recording)
+
+
+# -------------------------------------------------------------------------------------------- unknown loads
+
+
+def test_tools_with_unknown_loads_are_their_own_and_share_the_sensor() -> None:
+    """Each is the rig's with that load; sensor parameters are one."""
+    several = recorded(np.eye(6), 9)
+    fitted = tw.fit(base(Space.SPACE) + "sensor_lag", several, loads={"two": "B", "side": "C"})
+    assert fitted.layout.other_tools == ("B", "C")
+    for tool, load in (("B", TWO), ("C", SIDE)):
+        rig, estimates = carrying(load), fitted.of_tool(tool)
+        truth = dict(zip(("m", "mx", "my", "mz"), (rig.mass, *rig.first_moment), strict=True))
+        for name, value in truth.items():
+            assert abs(estimates[name].value - value) < 5 * estimates[name].std
+            assert fitted.parameters[f"{name}@{tool}"].value == estimates[name].value
+    assert sum(name.startswith("sensor_lag") for name in fitted.parameters) == 1
+    with pytest.raises(InputError, match="no recording carried"):
+        fitted.of_tool("D")
+
+
+def test_recordings_of_one_unknown_tool_share_it_and_that_without_is_the_models() -> None:
+    empty, two = (recorded(np.eye(6), 10)[name] for name in ("empty", "two"))
+    several = [two.carrying("B"), empty, replace(two, name="again").carrying("B")]
+    layout = parameter_layout(base(Space.SPACE), several)
+    assert layout.other_tools == ("B",)
+    assert len(layout.parameters) == 16 + 10 + 12
+    mass = [p.name for p in layout.parameters].index("m@B")
+    assert [mass in index for index in layout.index] == [True, False, True]
+    alone = parameter_layout(base(Space.SPACE), [two.carrying("B")])
+    assert [p.name for p in alone.parameters][6] == "m"
+
+
+def test_every_tool_is_physically_consistent_where_that_is_asked_for() -> None:
+    """A body of a point's mass pulls its own tool alone out of consistency: weak noise-free inertia, then held."""
+    several = recorded(np.eye(6), 11)
+    bent = several["side"]
+    free = tw.fit(base(Space.SPACE), {"empty": several["empty"], "side": bent}, loads={"side": "C"})
+    held = tw.fit(
+        base(Space.SPACE), {"empty": several["empty"], "side": bent}, loads={"side": "C"},
+        constraints=tw.Constraints(physical=True),
+    )  # fmt: skip
+    np.testing.assert_allclose(held.theta, free.theta, atol=1e-6)  # both are bodies
+    thin = bent.with_readings(bent.wrench.copy())
+    pushed = thin.with_readings(thin.wrench + np.array([0, 0, 0, 1, 0, 0]) * 0.2 * thin.signals["alx"][:, None] * -1)
+    for bounds in (None, tw.Constraints(physical=True)):
+        fitted = tw.fit(
+            base(Space.SPACE), {"empty": several["empty"], "side": pushed}, loads={"side": "C"}, constraints=bounds
+        )
+        tool = fitted.of_tool("C")
+        xx, xy, xz, yy, yz, zz = (tool[name].value for name in ("Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz"))
+        inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        moment = np.array([tool[name].value for name in ("mx", "my", "mz")])
+        pseudo = np.block([[np.trace(inertia) / 2 * np.eye(3) - inertia, moment[:, None]], [moment, tool["m"].value]])
+        assert (np.linalg.eigvalsh(pseudo)[0] > 0) == (bounds is not None)
+        assert any("with C" in remark for remark in fitted.remarks()) == (bounds is None)
+
+
+def test_held_out_recordings_are_of_the_tool_that_is_fitted() -> None:
+    several = recorded(np.eye(6), 12)
+    with pytest.raises(InputError, match="hold out a recording of that tool"):
+        tw.diagnose(base(Space.SPACE), several["empty"], validate={"two": several["two"]}, loads={"two": "B"})
+    found = tw.diagnose(
+        base(Space.SPACE), {"empty": several["empty"]}, validate={"two": several["two"]}, loads={"two": TWO},
+        effects=["viscous_drag", "payload_change"],
+    )  # fmt: skip
+    assert found.added == ()
+    assert found.verdict.value == "nothing_missing"
+
+
+# ------------------------------------------------------------------------------------- what a load's error does
+
+
+@pytest.mark.parametrize(("part", "size"), [("mass", 0.004), ("place", 0.0005)])
+def test_a_load_that_is_wrong_moves_the_estimates_as_the_budget_says(part: str, size: float) -> None:
+    """The load in the simulator is heavier, or off by so much along x; shared by two recordings."""
+    wrong = replace(TWO, mass_std=size if part == "mass" else 0.0, at_std=size if part == "place" else 0.0)
+    true = replace(TWO, mass=2.0 + size) if part == "mass" else replace(TWO, at=(size, 0.0, 0.05))
+    model = base(Space.SPACE) + "gain"
+    several = recorded(np.eye(6), 13)
+    stated = tw.fit(model, several, loads={"two": wrong, "side": SIDE})
+    moved = tw.fit(model, several, loads={"two": true, "side": SIDE})
+    budget = tw.budget(stated)
+    (source,) = budget.sources
+    shift = size * source.shifts[0]  # of the mass, or of the first coordinate
+    change = stated.theta - moved.theta
+    size_of_all = np.abs(change).max()
+    np.testing.assert_allclose(shift, change, rtol=0.03, atol=0.003 * size_of_all)
+    assert budget["m"].parts[f"{part} of 2 kg"] == pytest.approx(size * np.linalg.norm(source.shifts[:, 6]))
+
+
+@pytest.mark.long(12)
+def test_linear_and_drawn_intervals_of_loads_agree() -> None:
+    several = recorded(np.eye(6), 14)
+    loads = {"two": replace(TWO, mass_std=0.003, at_std=0.001), "side": SIDE}
+    budget = tw.budget(tw.fit(base(Space.SPACE) + "gain", several, loads=loads), monte_carlo=200)
+    checked = [line.agrees for line in budget.lines if "@" not in line.quantity and "bias" not in line.quantity]
+    assert len(checked) == 16
+    assert False not in checked
+    with pytest.raises(InputError, match="has a std"):
+        tw.budget(tw.fit(base(Space.SPACE), several, loads=LOADS))
+
+
+# ------------------------------------------------------------------------------------------ files and commands
+
+
+def written(folder: Path, several: dict[str, Recording]) -> list[str]:
+    for name, recording in several.items():
+        recording.to_frame().to_csv(folder / f"{name}.csv", index=False)
+    return [str(folder / f"{name}.csv") for name in several]
+
+
+RIG = """
+[sensor]
+convention = "on_tool"
+[[load]]
+recording = "two.csv"
+mass = 2.0
+at = [0, 0, 0.05]
+mass_std = 0.001
+[[load]]
+recording = ["side.csv", "other/side.csv"]
+name = "side"
+mass = 1.0
+at = [0.06, -0.03, 0.02]
+"""
+
+
+def test_the_rig_and_the_command_line_state_loads(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    files = written(tmp_path, recorded(1.05 * np.eye(6), 15))
+    (tmp_path / "rig.toml").write_text(RIG)
+    rig, plain = str(tmp_path / "rig.toml"), str(tmp_path / "plain.toml")
+    Path(plain).write_text(RIG.partition("[[load]]")[0])
+    options = ["--load", "two.csv=2.0+-0.001@0,0,0.05", "--load", f"{files[2]}=1.0@0.06,-0.03,0.02"]
+    results = []
+    for stated in (["--rig", rig], ["--rig", plain, *options]):
+        assert main(["fit", *files, "--add", "gain", *stated, "--json"]) == 0
+        results.append(json.loads(capsys.readouterr().out))
+    assert results[0]["parameters"] == results[1]["parameters"]
+    assert results[0]["parameters"]["gain.fz"]["value"] == pytest.approx(1.05, abs=0.01)
+    assert results[0]["budget"]["parameters"]["m"]["contributions"]["mass of 2 kg"] > 0
+    assert results[1]["loads"]["two.csv"] == [{"mass": 2.0, "at": [0, 0, 0.05], "mass_std": 0.001, "at_std": 0.0}]
+    read = Rig.read(rig)
+    assert Rig.from_data(read.to_data()).loads == read.loads
+    assert read.loads_of("other/side.csv") == (read.loads_of("side.csv")[0],) * 2
+    assert tw.read(files[1], rig=read).loads == (replace(TWO, mass_std=0.001),)
+
+
+def test_what_a_recording_carried_is_said_and_an_idle_load_too(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    files = written(tmp_path, recorded(np.eye(6), 16))
+    (tmp_path / "rig.toml").write_text(RIG)
+    assert main(["fit", *files[:2], "--rig", str(tmp_path / "rig.toml")]) == 0
+    said = capsys.readouterr().out
+    assert "two.csv carries 2±0.001 kg at (0, 0, 0.05) m beside the tool." in said
+    assert "loads of side.csv, other/side.csv, of which no recording is given" in said
+
+
+@pytest.mark.parametrize(
+    ("stated", "said"),
+    [
+        (["--load", "tow.csv=2@0,0,0.05"], "did you mean"),
+        (["--load", "two.csv=2kg"], "is no load"),
+        (["--load", "2@0,0,0.05"], "names no recording"),
+        (["--load", "two.csv=2@0.05"], "3 coordinates"),
+        (["--load", "two.csv=2@0,0,0.05", "--stream"], "--load"),
+    ],
+)
+def test_a_wrong_load_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], stated: Sequence[str], said: str
+) -> None:
+    files = written(tmp_path, {name: wrenches(name, n) for n, name in enumerate(("empty", "two"), 1)})
+    files = files[1:] if "--stream" in stated else files
+    assert exit_code(["fit", *files, *stated]) == 2
+    error = capsys.readouterr().err
+    assert said in error
+    assert error.count("error:") == 1
+
+
+def exit_code(arguments: Sequence[str]) -> int | str | None:
+    """Of the command, whose parser exits by itself."""
+    try:
+        return main(arguments)
+    except SystemExit as error:
+        return error.code
+
+
+@pytest.mark.parametrize(
+    ("table", "said"),
+    [
+        ('recording = "two.csv"', "expected a mass, or the name"),
+        ("mass = 2.0\nat = [0, 0, 0.05]", "recording: missing"),
+        ('recording = "two.csv"\nmass = -2.0', "mass"),
+        ('recording = ""\nmass = 2.0', "recording is empty"),
+        ('recording = "two.csv"\nmass = 2.0\nplace = [0, 0, 0]', "no such key"),
+        ('recording = "two.csv"\nmass = 2.0\ninertia = [1, 0, 0, 0, 0, 0]', "about its centre"),
+    ],
+)
+def test_a_wrong_load_of_the_rig_is_one_line(tmp_path: Path, table: str, said: str) -> None:
+    (tmp_path / "rig.toml").write_text(f"[[load]]\n{table}\n")
+    with pytest.raises(InputError, match=said) as error:
+        Rig.read(tmp_path / "rig.toml")
+    assert "\n" not in str(error.value)
+
+
+def test_chunks_do_not_say_what_was_carried() -> None:
+    recording = wrenches("two", 2).carrying(TWO)
+    with pytest.raises(InputError, match="which chunks do not say"):
+        list(tw.chunks(recording, 100))
+    noise = tw.NoiseModel.white(SIMULATED[Space.SPACE].noise)
+    with pytest.raises(InputError, match="loads are of whole recordings"):
+        tw.fit(base(Space.SPACE), {"two": recording}, loads={"two": TWO}, noise=noise)
+
+
+def test_a_load_on_the_tip_in_the_plane() -> None:
+    rig = SIMULATED[Space.PLANE]
+    assert isinstance(rig, PlanarRig)
+    heavy = replace(rig, mass=rig.mass + 0.5, mlg=rig.mlg + 0.5 * 0.1, inertia=rig.inertia + 0.5 * 0.01)
+    several = {
+        name: recording_of(
+            hidden.simulate(one, one.random_motion(seed=n), hidden=[], repeats=3, samples_per_period=200, seed=n),
+            without=("temperature",),
+            rig=Rig.from_data({"robot": {"link_lengths": list(rig.link_lengths)}}),
+        )
+        for n, (name, one) in enumerate((("empty", rig), ("half", heavy)), 1)
+    }
+    fitted = tw.fit(tw.planar() + "common_gain", several, loads={"half": "0.5@0.1"})
+    for name, value in (("common_gain.gain", 1.0), ("m", rig.mass), ("mlg", rig.mlg)):
+        assert abs(fitted.values[name] - value) < 5 * fitted.parameters[name].std
