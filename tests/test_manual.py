@@ -129,7 +129,7 @@ def test_cells_are_python(page: Path) -> None:
 
 def test_the_rig_file_of_the_formats_is_one() -> None:
     text = (DOCS / "guide" / "file_formats.md").read_text(encoding="utf-8")
-    rig, capsules, torques, stated = re.findall(r"^```toml\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
+    rig, capsules, torques, weighed, stated = re.findall(r"^```toml\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
     assert Rig.from_data(tomllib.loads(rig)).link_lengths == (1.0, 0.97, 0.4)
     arm = {"robot": {"urdf": str(URDF / "elbow.urdf"), "sensor_frame": "tool0"}}
     workspace = Rig.from_data(arm | tomllib.loads(capsules)).workspace
@@ -141,6 +141,8 @@ def test_the_rig_file_of_the_formats_is_one() -> None:
     assert limits is not None
     assert limits.torque is not None
     assert limits.torque.allowed[:, 1].tolist() == [150, 150, 150, 28, 28, 28]
+    ((name, load),) = Rig.from_data(tomllib.loads(weighed)).loads
+    assert (name, load.mass, load.at) == ("two_kg.csv", 2.0, (0.0, 0.0, 0.05))
     assert len(Statement.of(tomllib.loads(stated), "budget").contributions) == 3
 
 

@@ -10,6 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from tests.shared.log_files import CHANNELS, POSITION, ros_messages, ros_types, rotations, write_messages
+from tests.shared.rigs import carrying
 from truewrench.files.demonstration import HARMONICS, rig_text
 from truewrench.simulated_rig import (
     HIDDEN_EFFECTS,
@@ -61,6 +62,15 @@ def six_axis_run(*hidden: HiddenEffect, seed: int) -> pd.DataFrame:
     rig = SpatialRig(convention="on_sensor")
     motion = rig.random_motion(seed=seed, period=6.0)
     return simulate(rig, motion, hidden=hidden, repeats=4, samples_per_period=750, seed=seed)
+
+
+def write_weighed_run(path: str, mass: float = 0.0, at: Sequence[float] = (0.0, 0.0, 0.0), *, seed: int) -> None:
+    """A run of the six-axis rig that carries a mass (kg) at a place (m), by a sensor whose gain is 3 % too large."""
+    rig = carrying(SpatialRig(convention="on_sensor"), mass, at)
+    frame = simulate(rig, rig.random_motion(seed=seed), repeats=3, samples_per_period=200, seed=seed)
+    channels = list(rig.channels)
+    frame[channels] = 1.03 * (frame[channels] - rig.bias) + rig.bias
+    frame.drop(columns="temperature", errors="ignore").to_csv(path, index=False)
 
 
 def write_ur_log(path: str, *hidden: HiddenEffect, seed: int) -> None:

@@ -23,7 +23,7 @@ from modeling.rig import Rig
 from modeling.rigid_body import Load, known_moments
 from modeling.space import Space
 from tests.shared.recordings import base, recording_of
-from tests.shared.rigs import SIMULATED
+from tests.shared.rigs import SIMULATED, carrying
 from truewrench import simulated_rig as hidden
 from truewrench.command_line import main
 from truewrench.simulated_rig.rigs import PlanarRig, SpatialRig
@@ -38,39 +38,28 @@ SIZE = np.array([1.0, 1.0, 1.0, 0.05, 0.05, 0.05])
 """Of the torques over the forces, m: crosstalk is a share of a channel's usual load."""
 
 
-def carrying(load: Load | None) -> SpatialRig:
-    """The simulated rig with another body, a point: sums over its masses, none of the model's equations."""
+def loaded(load: Load | None) -> SpatialRig:
     rig = SIMULATED[Space.SPACE]
     assert isinstance(rig, SpatialRig)
-    if load is None or load.mass is None:
-        return rig
-    x, y, z = load.at
-    at = np.array(load.at)
-    moments = np.array([y * y + z * z, -x * y, -x * z, x * x + z * z, -y * z, x * x + y * y])
-    return replace(
-        rig,
-        mass=rig.mass + load.mass,
-        first_moment=tuple(np.array(rig.first_moment) + load.mass * at),
-        inertia=tuple(np.array(rig.inertia) + load.mass * moments),
-    )
+    return rig if load is None or load.mass is None else carrying(rig, load.mass, load.at)
 
 
 @cache
-def wrenches(name: str, motion: int, effects: tuple[object, ...] = ()) -> Recording:
+def wrenches(name: str, motion: int, effects: tuple[hidden.HiddenEffect, ...] = ()) -> Recording:
     """Noise-free, with the rig's biases; of the empty rig or with one of the loads."""
-    rig = replace(carrying(LOADS.get(name)), noise=(1e-9,) * 6)
+    rig = replace(loaded(LOADS.get(name)), noise=(1e-9,) * 6)
     frame = hidden.simulate(
         rig,
         rig.random_motion(seed=motion),
         hidden=list(effects),
         repeats=3,
         samples_per_period=150,
-        seed=1,  # type: ignore[arg-type]
+        seed=1,
     )
     return recording_of(frame, without=("temperature",))
 
 
-def recorded(matrix: Array, seed: int, effects: tuple[object, ...] = ()) -> dict[str, Recording]:
+def recorded(matrix: Array, seed: int, effects: tuple[hidden.HiddenEffect, ...] = ()) -> dict[str, Recording]:
     """Three recordings by a sensor with this matrix from true wrench to reading, each with noise of its own."""
     rng = np.random.default_rng(seed)
     several = {}
@@ -237,7 +226,7 @@ def test_tools_with_unknown_loads_are_their_own_and_share_the_sensor() -> None:
     fitted = tw.fit(base(Space.SPACE) + "sensor_lag", several, loads={"two": "B", "side": "C"})
     assert fitted.layout.other_tools == ("B", "C")
     for tool, load in (("B", TWO), ("C", SIDE)):
-        rig, estimates = carrying(load), fitted.of_tool(tool)
+        rig, estimates = loaded(load), fitted.of_tool(tool)
         truth = dict(zip(("m", "mx", "my", "mz"), (rig.mass, *rig.first_moment), strict=True))
         for name, value in truth.items():
             assert abs(estimates[name].value - value) < 5 * estimates[name].std
@@ -438,7 +427,7 @@ def test_chunks_do_not_say_what_was_carried() -> None:
         list(tw.chunks(recording, 100))
     noise = tw.NoiseModel.white(SIMULATED[Space.SPACE].noise)
     with pytest.raises(InputError, match="loads are of whole recordings"):
-        tw.fit(base(Space.SPACE), {"two": recording}, loads={"two": TWO}, noise=noise)
+        tw.fit(base(Space.SPACE), {"two": recording}, loads={"two": TWO}, noise=noise)  # type: ignore[call-overload]
 
 
 def test_a_load_on_the_tip_in_the_plane() -> None:

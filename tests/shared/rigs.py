@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
-import mujoco
+import numpy as np
 
 from modeling.kinematics.arm import PlanarArm, SpatialArm
 from modeling.kinematics.urdf import read_urdf
@@ -24,8 +25,8 @@ SIMULATED: Mapping[Space, SimulatedRig] = {Space.PLANE: PlanarRig(), Space.SPACE
 FRAMES = {"elbow": "tool0", "seven": "l8", "slide": "sensor", "planar": "sensor", "carriage": "sensor"}
 """The sensor's frame in each file of the folder URDF."""
 
-FULL_INERTIA = 1e-10 if int(mujoco.__version__.partition(".")[0]) >= 4 else 2e-6
-"""N and N m that MuJoCo's principal axes of a full inertia leave of 100 N: before version 4 they are found to 1e-6."""
+FULL_INERTIA = 1e-10
+"""N and N m that MuJoCo's principal axes of a full inertia leave of 100 N."""
 
 
 def spatial_arm(name: str) -> SpatialArm:
@@ -36,3 +37,16 @@ def spatial_arm(name: str) -> SpatialArm:
 def described(rig: SimulatedRig) -> Rig | None:
     """What is said of a simulated rig: of the one in six axes nothing, as its recordings have poses."""
     return RIG if isinstance(rig, PlanarRig) else None
+
+
+def carrying(rig: SpatialRig, mass: float, at: Sequence[float]) -> SpatialRig:
+    """The simulated rig with a point mass (kg) at a place (m) beside its tool: sums over its masses."""
+    x, y, z = at
+    moments = np.array([y * y + z * z, -x * y, -x * z, x * x + z * z, -y * z, x * x + y * y])
+    first = [moment + mass * coordinate for moment, coordinate in zip(rig.first_moment, at, strict=True)]
+    return replace(
+        rig,
+        mass=rig.mass + mass,
+        first_moment=(first[0], first[1], first[2]),
+        inertia=tuple((np.array(rig.inertia) + mass * moments).tolist()),
+    )
