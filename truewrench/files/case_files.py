@@ -67,9 +67,8 @@ def _with_loads(rig: Rig, loads: Sequence[tuple[str, Load]], files: Sequence[str
     return replace(rig, loads=(*rig.loads, *loads))
 
 
-def load_sentences(case: Case) -> list[str]:
-    """What the recordings carried, and what the rig states of none of them."""
-    several = (*case.recordings, *case.held_out)
+def load_sentences(several: Sequence[Recording]) -> list[str]:
+    """What recordings carried, and what the rig states of none of them."""
     sentences = [f"{r.name} carries {' and '.join(map(str, r.loads))} beside the tool." for r in several if r.loads]
     used = {load for recording in several for load in recording.loads}
     rigs = {name: load for r in several for name, load in (r.rig.loads if r.rig is not None else ())}
@@ -220,7 +219,7 @@ def convention_data(sign: SignDecision) -> dict[str, Any]:
 def frame_sentences(case: Case, *, detailed: bool = False) -> list[str]:
     """What the data decided of frames: gravity's direction, the sign convention; `detailed`, with its estimates."""
     sentences = [] if case.sign is None else [convention_sentence(case.sign, detailed=detailed)]
-    sentences = [*load_sentences(case), *sentences]
+    sentences = [*load_sentences((*case.recordings, *case.held_out)), *sentences]
     readings = [doubted.sentence for doubted in case.readings]
     if not all(doubted.adopted and (doubted.of_log or doubted.id in OF_ROWS) for doubted in case.readings):
         return [*readings, *([] if case.misread else sentences)]

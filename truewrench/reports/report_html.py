@@ -22,6 +22,7 @@ from modeling.noise import NoiseSource
 from modeling.number_format import P_VALUE, SHARE, FormattedQuantity, format_number, format_p_value, format_unit
 from modeling.rig import Convention
 from modeling.table import Column, Table
+from truewrench.files.case_files import load_sentences
 from truewrench.files.output import atomic_write
 from truewrench.plots.interactive_figure import InteractiveFigure, shared_columns
 from truewrench.plots.matplotlib_chart import matplotlib_figure
@@ -344,7 +345,12 @@ def _values(diagnosis: Diagnosis, provenance: Provenance) -> dict[str, Any]:
             diagnosis.steps[0].fit if changed else None, diagnosis.fit, known=not diagnosis.tool_unknown
         ),
         "unknown_tool": unknown_tool_sentences(diagnosis.tool_unknown),
-        "tool": [] if diagnosis.tool_unknown else tool_notes(diagnosis.fit, misfitting=bool(diagnosis.misfitting)),
+        "tool": []
+        if diagnosis.tool_unknown
+        else [
+            *load_sentences(diagnosis.fit.recordings),
+            *tool_notes(diagnosis.fit, misfitting=bool(diagnosis.misfitting)),
+        ],
         "zero_shift": _by_channel(diagnosis, diagnosis.zero_shift or {}),
         "unexplained": diagnosis.unexplained,
         "unexplained_sizes": _by_channel(
