@@ -128,8 +128,8 @@ WRITTEN = re.compile(
     rf"(?:@(?P<at>{NUMBER}(?:,{NUMBER})*)(?:(?:±|\+-)(?P<at_std>{NUMBER}))?)?"
 )
 """MASS@X,Y,Z with the std of either behind it, as in 2.000+-0.001@0,0,0.05+-0.001; kg, m."""
-LARGEST_LOAD = 1e4
-"""kg, and m: what is more is in other units."""
+LARGEST_MASS, LARGEST_DISTANCE = 1000.0, 5.0
+"""kg, and m from the sensor: what a robot carries is less, so that grams or millimetres were meant."""
 LOAD_REMEDY = "write MASS@X,Y,Z in kg and m, as 2.000+-0.001@0,0,0.05+-0.001, or the name of a body of unknown mass"
 
 
@@ -173,8 +173,10 @@ class Load:
                 raise InputError(what="a load has neither a mass nor a name", where="load", remedy=LOAD_REMEDY)
             return
         numbers = (self.mass, *self.at, *self.inertia, self.mass_std, self.at_std)
-        if not all(isfinite(n) and abs(n) < LARGEST_LOAD for n in numbers):
-            raise InputError(what=f"{self} has a number that is too large", where="load", remedy=LOAD_REMEDY)
+        far = any(abs(x) > LARGEST_DISTANCE for x in (*self.at, self.at_std))
+        if not all(map(isfinite, numbers)) or far or self.mass > LARGEST_MASS:
+            what = f"no robot carries {self}{': millimetres?' if far else ': grams?'}"
+            raise InputError(what=what, where="load", remedy=LOAD_REMEDY)
         if self.mass <= 0 or self.mass_std < 0 or self.at_std < 0:
             raise InputError(what=f"{self}: the mass is positive, no std negative", where="load", remedy=LOAD_REMEDY)
 

@@ -102,6 +102,8 @@ class TimeDelay(Effect):
 SATURATION_FRACTIONS = (0.99, 0.96, 0.92, 0.85, 0.7)
 """Initial saturation levels as fractions of the largest reading, which noise lifts above the level."""
 
+GAIN_BOUNDS = (0.2, 5.0)
+"""Of a gain: what is beyond is another unit."""
 CROSSTALK_BOUNDS = {"1": (-0.5, 0.5), "m": (-0.2, 0.2), "1/m": (-5.0, 5.0)}
 """Bounds of a crosstalk gain by its unit: at most half of a channel, or a force-to-torque lever of 0.2 m."""
 
@@ -192,7 +194,7 @@ class SensorGain(Effect):
                 unit="1",
                 meaning=f"gain of channel {channel}, relative to the first",
                 nominal=1.0,
-                bounds=(0.2, 5.0),
+                bounds=GAIN_BOUNDS,
             )
             for channel in space.channels[1:]
         )
@@ -206,17 +208,20 @@ class SensorGain(Effect):
 class ChannelGain(SensorGain):
     """Gain of every channel by itself: reading_i = gain_i wrench_i.
 
-    The scale of all is collinear with the mass, and no recording tells it: a budget states it, from the sensor's sheet.
+    The scale of all is collinear with the mass, and no recording of one weight tells it: recordings with known loads
+    do, and a budget states it, from the sensor's sheet.
     """
 
     id = "gain"
     title = "gain of every channel"
     equation = "reading_i = gain_i wrench_i"
+    advice = "weigh the loads and measure where they hang; hang another known weight along each axis"
+    confused_with = "masses or places of the known loads that are not as stated"
 
     def parameters(self, space: Space) -> tuple[Parameter, ...]:
         """A gain for each channel, unit 1."""
         return tuple(
-            Parameter(name=channel, unit="1", meaning=f"gain of channel {channel}", nominal=1.0)
+            Parameter(name=channel, unit="1", meaning=f"gain of channel {channel}", nominal=1.0, bounds=GAIN_BOUNDS)
             for channel in space.channels
         )
 
@@ -235,7 +240,7 @@ class CommonGain(ChannelGain):
 
     def parameters(self, space: Space) -> tuple[Parameter, ...]:
         """One gain, unit 1."""
-        return (Parameter(name="gain", unit="1", meaning="gain of all channels", nominal=1.0),)
+        return (Parameter(name="gain", unit="1", meaning="gain of all channels", nominal=1.0, bounds=GAIN_BOUNDS),)
 
     def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
         """Scale all channels."""

@@ -140,7 +140,22 @@ def test_a_load_is_read_as_it_is_written(text: str, load: Load) -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["", "-2@0,0,0", "0", "2kg", "2@0;0;0", "2+-", "2@", "1e99@0,0,0", "nan@0,0,0", "2@0,0,0,0+-x", "@0,0,0"]
+    "text",
+    [
+        "",
+        "-2@0,0,0",
+        "0",
+        "2kg",
+        "2@0;0;0",
+        "2+-",
+        "2@",
+        "1e99@0,0,0",
+        "2000@0,0,0.05",
+        "2@0,0,50",
+        "nan@0,0,0",
+        "2@0,0,0,0+-x",
+        "@0,0,0",
+    ],
 )
 def test_what_is_no_load_is_one_line(text: str) -> None:
     with pytest.raises(InputError) as error:
