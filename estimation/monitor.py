@@ -193,6 +193,8 @@ class Monitor:
         if recording is None:
             raise _error("the noise of its readings is not known", "give a recording of ordinary work with this tool")
         require_recording(recording, "monitor")
+        if recording.loads:
+            raise _error(f"{recording.name} carries {recording.loads[0]}", "give a recording of the tool alone")
         if recording.dt is None:
             raise _error("the recording is of poses at rest", "give one of ordinary work, with times")
         for name, value in (("longest_contact", longest_contact), ("alarms_per_day", alarms_per_day)):

@@ -118,6 +118,9 @@ def read_chunks(path: str | Path, *, rig: Rig | None = None, size: int = ROWS_PE
     if not size >= max(overlap, 1) or overlap < 0:
         what = f"chunks of {size} rows with an overlap of {overlap}"
         raise InputError(what=what, where=str(path), remedy="give a size above 0 and not below the overlap")
+    if rig is not None and (loads := rig.loads_of(path)):
+        what = f"it carries {loads[0]}, which chunks do not say"
+        raise InputError(what=what, where=str(path), remedy="read it as a whole recording")
     return LongLog(path=Path(path), rig=rig, size=size, overlap=overlap)
 
 

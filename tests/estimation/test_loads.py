@@ -440,6 +440,10 @@ def test_chunks_do_not_say_what_was_carried() -> None:
     recording = wrenches("two", 2).carrying(TWO)
     with pytest.raises(InputError, match="which chunks do not say"):
         list(tw.chunks(recording, 100))
+    with pytest.raises(InputError, match="give a recording of the tool alone"):
+        tw.Monitor(tw.fit(base(Space.SPACE), recording))
+    with pytest.raises(InputError, match="which chunks do not say"):
+        tw.read_chunks("logs/two.csv", rig=Rig(loads=(("two.csv", TWO),)))
     noise = tw.NoiseModel.white(SIMULATED[Space.SPACE].noise)
     with pytest.raises(InputError, match="loads are of whole recordings"):
         tw.fit(base(Space.SPACE), {"two": recording}, loads={"two": TWO}, noise=noise)  # type: ignore[call-overload]
