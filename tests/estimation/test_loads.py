@@ -437,7 +437,7 @@ def test_a_wrong_load_of_the_rig_is_one_line(tmp_path: Path, table: str, said: s
 
 
 def test_chunks_do_not_say_what_was_carried() -> None:
-    recording = wrenches("two", 2).carrying(TWO)
+    recording = recorded(np.eye(6), 17)["two"].carrying(TWO)
     with pytest.raises(InputError, match="which chunks do not say"):
         list(tw.chunks(recording, 100))
     with pytest.raises(InputError, match="give a recording of the tool alone"):
