@@ -23,7 +23,7 @@ from scipy.spatial.transform import Rotation, RotationSpline
 
 import truewrench as tw
 from benchmarks.contact_lag import forces_by_lag
-from benchmarks.published_runs import HERE, chapter_table, framed
+from benchmarks.published_runs import HERE, chapter_table, framed, readable
 from estimation.fit import Fit
 from modeling.rig import STANDARD_GRAVITY
 
@@ -36,10 +36,12 @@ TRIANGLE = np.triu_indices(3)
 
 # Tools of known inertia ---------------------------------------------------------------------------------------------
 
-NADEAU = "Nadeau, Giamou, Kelly, ICRA 2023 (arXiv 2302.06685)"
-"""Ten of their twenty tools. Boxes, noises and errors below are taken from the authors' repository
-github.com/utiasSTARS/inertial-identification-with-part-segmentation at 48928088: meshes and point clouds in `data`,
-`RunExperiments.py` and `Experiments/results.pkl` in `inertial-parameters-identification`."""
+NADEAU = "Nadeau et al., 2023"
+"""Nadeau, Giamou, Kelly, "The Sum of Its Parts: Visual Part Segmentation for Inertial Parameter Identification of
+Manipulated Objects" (ICRA 2023, arXiv 2302.06685); ten of their twenty tools. Boxes, noises and errors below are taken
+from the authors' repository, github.com/utiasSTARS/inertial-identification-with-part-segmentation at 48928088: meshes
+and point clouds of `data`, `RunExperiments.py` and `Experiments/results.pkl` of `inertial-parameters-identification`.
+"""
 
 
 class Noise(NamedTuple):
@@ -196,48 +198,59 @@ def errors(parameters: Array, true: Array, extent: Array) -> Array:
     return 100 * np.array([abs(parameters[0] / true[0] - 1), np.mean(np.abs(centre) / extent), inertia.mean()])
 
 
-def tools_table(tools: Sequence[str] = TOOLS, noises: Sequence[str] = tuple(NOISES), seed: int = 0) -> pd.DataFrame:
-    """A row for each noise and way: consistent inertia and errors in %, as `PUBLISHED`, and parameters whose 95 %
-    interval holds the truth."""
-    names = ("consistent", "mass", "centre", "inertia", "inertia, median", "intervals that hold")
-    rows: dict[tuple[str, ...], list[float | str]] = {}
+ERRORS = ("consistent", "mass", "centre", "inertia")
+
+
+def tool_errors(tools: Sequence[str] = TOOLS, noises: Sequence[str] = tuple(NOISES), seed: int = 0) -> pd.DataFrame:
+    """A row for each noise, tool and way of ours: consistent (100 or 0) and the `errors`, %; in `held`, how many of the
+    ten 95 % intervals of `fit` hold the truth."""
+    rows: list[dict[str, float | str]] = []
     for level in noises:
         noise, rng = NOISES[level], np.random.default_rng(seed)
-        ways: dict[str, list[Array]] = {}
-        held: list[bool] = []
         for tool in map(Tool, tools):
-            frame = tool.noisier(noise, rng)
+            frame, true = tool.noisier(noise, rng), tool.parameters
             fits = tool.fits(frame, noise)
-            ends = fits["fit"].params.iloc[6:]
-            held += ((ends["low"] <= tool.parameters) & (tool.parameters <= ends["high"])).tolist()
             estimates = {
                 "OLS, accelerations as noisy as theirs": ordinary_least_squares(frame, noise, rng),
                 "OLS, accelerations of the poses": ordinary_least_squares(frame, noise, None),
                 **{way: fit.theta[6:] for way, fit in fits.items()},
             }
+            ends = fits["fit"].params.iloc[6:]
+            held = int(((ends["low"] <= true) & (true <= ends["high"])).sum())
             for way, estimate in estimates.items():
-                extent = np.array(BOXES[tool.name][1]) / 1000
-                outcome = [100.0 * consistent(estimate), *errors(estimate, tool.parameters, extent)]
-                ways.setdefault(way, []).append(np.array(outcome))
+                outcome = [100.0 * consistent(estimate), *errors(estimate, true, np.array(BOXES[tool.name][1]) / 1000)]
+                named = dict(zip(ERRORS, outcome, strict=True))
+                rows.append({"noise": level, "tool": tool.name, "way": way, **named, "held": held})
+    return pd.DataFrame(rows)
+
+
+def tools_table(each: pd.DataFrame | None = None) -> pd.DataFrame:
+    """A row for each noise and way, ours of `tool_errors`: means over the tools, then the inertia's median."""
+    each = tool_errors() if each is None else each
+    rows: dict[tuple[str, ...], list[float | str]] = {}
+    for level in each["noise"].unique():
         for way in ("OLS", "GEO", "HPS"):
             rows[level, NADEAU, way] = [*PUBLISHED[level, way], ""]
-        for way, outcomes in ways.items():
-            interval = f"{sum(held)} of {len(held)}" if way == "fit" else ""
-            rows[level, HERE, way] = [*np.mean(outcomes, axis=0), float(np.median(outcomes, axis=0)[3]), interval]
-    return framed(rows, ("noise", "by", "way"), names)
+        for way in each["way"].unique():
+            of_way = each[(each["noise"] == level) & (each["way"] == way)]
+            held = f"{of_way['held'].sum()} of {10 * len(of_way)}" if way == "fit" else ""
+            rows[level, HERE, way] = [*of_way[list(ERRORS)].mean(), float(of_way["inertia"].median()), held]
+    return framed(rows, ("noise", "by", "way"), (*ERRORS, "inertia, median", "intervals that hold"))
 
 
 # A measured tool ------------------------------------------------------------------------------------------------------
 
-SKREDE = "Skrede, RCAR 2024 (10.1109/RCAR61438.2024.10671273)"
-"""Mass and centre of the tool on a KUKA LBR Med 14, of 24 poses at rest, in the sensor's axes."""
+SKREDE = "Skrede, 2024"
+"""Skrede, "A Linear Discrete Kalman Filter to Estimate the Contact Wrench of an Unknown Robot End Effector" (RCAR 2024,
+10.1109/RCAR61438.2024.10671273): mass and centre of the tool on a KUKA LBR Med 14, of 24 poses at rest, in the sensor's
+axes."""
 SKREDE_ESTIMATE = (0.932, 0.0, 0.0, 44.0)
 """kg, mm."""
 SKREDE_GRAVITY = 9.82085
 """m/s², the length of (gx, gy, gz) in the recording of the poses (Zenodo 11096791, `0-calibration_fts-accel.csv`)."""
-FILTER = "the paper's Kalman filter by others (github.com/JalmaGit/AIS2202-estimation-template at 271c906)"
-"""A course's exercise on the same recordings: `results/data/baseline_{low,high}_cont_wrench.csv`, noise of the forces
-weighted little and much."""
+FILTER = "filter of Skrede, by JalmaGit, 2025"
+"""An exercise of a course on the same recordings, github.com/JalmaGit/AIS2202-estimation-template at 271c906:
+`results/data/baseline_{low,high}_cont_wrench.csv`, with the noise of the forces taken as small and as large."""
 FILTERED = (
     ("smoothing little", 0.007, (1.32, 0.60, 0.37)),
     ("smoothing much", 0.066, (0.22, 0.13, 0.20)),
@@ -306,4 +319,4 @@ TABLES: dict[str, Callable[[], pd.DataFrame]] = {
 if __name__ == "__main__":
     with pd.option_context("display.width", 250, "display.max_columns", None, "display.max_colwidth", None):
         for asked in sys.argv[1:] or TABLES:
-            print(TABLES[asked]().to_string(float_format=lambda v: f"{v:.3g}", na_rep=""), end="\n\n")
+            print(readable(TABLES[asked]()).to_string(), end="\n\n")

@@ -18,9 +18,10 @@ Array = NDArray[np.float64]
 Rows = Mapping[tuple[str, ...], Sequence[float | str]]
 
 HERE = "rerun here"
-CHAPTER = "Bassi, Benzi, Capisani, Cuppone, Ferrara, chapter 22"
-"""Table 22.1, variances of the residuals of fx', fy' (N²) and tau (N² m²): ten of the 30 runs, each fitted by itself,
-their average S, and another motion V predicted with the parameters of S."""
+CHAPTER = "Bassi et al."
+"""Bassi, Benzi, Capisani, Cuppone, Ferrara, "Characterization of the Dynamical Model of a Force Sensor for Robot
+Manipulators" (chapter 22). Table 22.1 has variances of the residuals of fx', fy' (N²) and tau (N² m²): of ten of the 30
+runs, each fitted by itself, of their average S, and of another motion V, predicted with the parameters of S."""
 PRINTED_RUNS = np.array(
     [
         (0.819, 2.207, 0.002), (0.469, 3.435, 0.029), (0.672, 2.170, 0.008), (0.740, 3.645, 0.033),
@@ -143,7 +144,7 @@ def chapter_table(effects: Sequence[str] = tuple(EFFECTS), draws: int = 200, see
         for name, tables in simulated.items():
             of_row = np.array([table[row] for table in tables])
             rows[row, HERE, f"simulated, {name}"] = np.column_stack([of_row.mean(0), of_row.std(0)]).ravel().tolist()
-    columns = [column for name in ("fx'", "fy'", "tau") for column in (name, f"std {name}")]
+    columns = [column for name in ("fx'", "fy'", "tau") for column in (name, f"± {name}")]
     return framed(rows, ("row", "by", "way"), columns)
 
 
@@ -151,3 +152,19 @@ def framed(rows: Rows, names: Sequence[str], columns: Sequence[str]) -> pd.DataF
     """A table of rows by the entries of its index, which have these names."""
     index = pd.MultiIndex.from_tuples(list(rows), names=[*names])
     return pd.DataFrame(list(rows.values()), index=index, columns=list(columns))
+
+
+def readable(table: pd.DataFrame) -> pd.DataFrame:
+    """The table as texts of three digits, a column `± name` joined to that of the name."""
+
+    def text(value: object, half: object = None) -> str:
+        if not isinstance(value, float):
+            return str(value)
+        return f"{value:.3g}" if not isinstance(half, float) or np.isnan(half) else f"{value:.3g} ± {half:.2g}"
+
+    shown = {
+        name: list(map(text, table[name], table.get(f"± {name}", [None] * len(table))))
+        for name in table.columns
+        if not name.startswith("± ")
+    }
+    return pd.DataFrame(shown, index=table.index)
