@@ -205,7 +205,8 @@ deviation_figure()
 #   what comes back in every run. What it is, the table cannot say.
 # - **V** is quieter in the print than any single run, by about 2 standard deviations in each force: its noise was
 #   lower, or it is no single run. The chapter does not say.
-#
+
+# %% [markdown]
 # ## The answer
 
 # %%
