@@ -6,9 +6,9 @@ it; everything else is computed from the recordings at TRUEWRENCH_DATA, by defau
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -316,7 +316,17 @@ TABLES: dict[str, Callable[[], pd.DataFrame]] = {
     "chapter": chapter_table,
 }
 
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Print the tables that are asked for, by default all."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("tables", nargs="*", choices=list(TABLES), metavar="TABLE", help=", ".join(TABLES))
+    asked = parser.parse_args(argv).tables or list(TABLES)
+    if set(asked) != {"chapter"} and not all((DATA / name).is_dir() for name in ("workshop_tools", "ais2202")):
+        raise SystemExit(f"no folders workshop_tools and ais2202 at {DATA}: set TRUEWRENCH_DATA to where they are")
+    for name in asked:
+        print(readable(TABLES[name]()).to_string(), end="\n\n")
+
+
 if __name__ == "__main__":
-    with pd.option_context("display.width", 250, "display.max_columns", None, "display.max_colwidth", None):
-        for asked in sys.argv[1:] or TABLES:
-            print(readable(TABLES[asked]()).to_string(), end="\n\n")
+    main()
