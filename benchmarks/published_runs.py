@@ -125,7 +125,7 @@ REMAINDER = "what averaging leaves, squared"
 
 
 def chapter_table(effects: Sequence[str] = tuple(EFFECTS), draws: int = 200, seed: int = 0) -> pd.DataFrame:
-    """Table 22.1 as printed, and of simulated rigs: mean over `draws` tables and the std of one."""
+    """Table 22.1, N² and N² m², means in N and N m: printed; and of simulated rigs the mean of `draws` ± std of one."""
     printed = rows_of_table(PRINTED_RUNS, PRINTED_S, PRINTED_V, PRINTED_MEAN, PRINTED_MEAN_V)
     # Of the torque as in V: ordinary least squares of one run puts some of the forces' noise into its residual.
     noise = np.sqrt(np.r_[(PRINTED_RUNS.mean(axis=0) - PRINTED_S)[:2] * RUNS / (RUNS - 1), PRINTED_V[2]])
@@ -143,7 +143,7 @@ def chapter_table(effects: Sequence[str] = tuple(EFFECTS), draws: int = 200, see
         rows[row, CHAPTER, "measured"] = [n for value in values.tolist() for n in (value, np.nan)]
         for name, tables in simulated.items():
             of_row = np.array([table[row] for table in tables])
-            rows[row, HERE, f"simulated, {name}"] = np.column_stack([of_row.mean(0), of_row.std(0)]).ravel().tolist()
+            rows[row, HERE, name] = np.column_stack([of_row.mean(0), of_row.std(0)]).ravel().tolist()
     columns = [column for name in ("fx'", "fy'", "tau") for column in (name, f"± {name}")]
     return framed(rows, ("row", "by", "way"), columns)
 

@@ -135,17 +135,17 @@ contact = published.contact_table()
 published_runs.readable(contact)
 
 # %% [markdown]
-# At the same lag less is left here. Where little is smoothed, the inertial unit at the tool makes the difference: what
-# shakes the tool is in its accelerations. Where much is smoothed, 0.2 N in fx are left by every way: that is no noise,
-# but what a model of poses at rest does not know.
+# With the inertial unit at the tool, which that filter uses as well, less is left at the same lag. It makes the
+# difference where little is smoothed: what shakes the tool is in its accelerations. Where much is smoothed, 0.2 N in fx
+# are left by every way: that is no noise, but what a model of poses at rest does not know.
 #
 # ## Table 22.1 of the chapter
 #
 # Bassi et al. repeat a motion 30 times, fit ten of the runs one by one, then their average S, and predict another
-# motion V. They give means and variances of the residuals. A simulated rig can carry that as far as its lengths, the
-# period and the number of independent samples are guessed: the chapter has none of them. Lengths and period are those
-# assumed everywhere in this project; the number of samples is what the table itself says, as a variance of n
-# independent samples scatters by sqrt(2 / n) of itself, and those of the forces do so over the ten runs.
+# motion V. They give means (N, N m) and variances (N², N² m²) of the residuals. A simulated rig can carry that as far
+# as its lengths, the period and the number of independent samples are guessed: the chapter has none of them. Lengths
+# and period are those assumed everywhere in this project; the number of samples is what the table itself says, as a
+# variance of n independent samples scatters by sqrt(2 / n) of itself, and those of the forces do so over the ten runs.
 
 # %%
 print("independent samples in a run:", published_runs.SAMPLES)
@@ -164,7 +164,7 @@ deviation = {}
 for way in flat.loc[flat["by"] == HERE, "way"].unique():
     simulated = flat[flat["way"] == way].set_index("row")
     std = simulated[[f"± {name}" for name in channels]].set_axis(channels, axis=1)
-    name = way.removeprefix("simulated, ").split(",")[0]
+    name = way.split(",")[0]
     deviation[name] = ((printed[channels] - simulated[channels]) / std).loc[rows].stack()
 
 

@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from benchmarks import published, published_runs
-from benchmarks.published import NOISES, Tool, consistent, errors, ordinary_least_squares, rigid_wrench
+from benchmarks.published import NOISES, TOOLS, Tool, consistent, errors, ordinary_least_squares, rigid_wrench
 from benchmarks.published_runs import CHAPTER, HERE, REMAINDER, ChapterRig, chapter_table
 from tests.shared.places import AIS2202, DATA, needs
 
@@ -84,6 +84,19 @@ def test_the_archive_has_gravity_up_and_the_stated_noise() -> None:
 
 
 @needs(DATA / "workshop_tools")
+@pytest.mark.parametrize("name", TOOLS)
+def test_every_tool_is_inside_its_box(name: str) -> None:
+    """Second moments about the ends of the box, of each axis: sum (r - low) (high - r) dm is not negative."""
+    box, true = np.array(published.BOXES[name][0]) / 1000, Tool(name).parameters
+    inertia = published.symmetric(true[4:])
+    second = np.diag(np.trace(inertia) / 2 * np.eye(3) - inertia)
+    low, high = box[::2], box[1::2]
+    assert (low * true[0] <= true[1:4]).all()
+    assert (true[1:4] <= high * true[0]).all()
+    assert (-second + (low + high) * true[1:4] - low * high * true[0] >= 0).all()
+
+
+@needs(DATA / "workshop_tools")
 def test_a_row_of_the_tools() -> None:
     """One tool: ours consistent where it is asked for, and published rows as they stand."""
     table = published.tools_table(published.tool_errors(("Pliers",), ("high",)))
@@ -120,7 +133,7 @@ def test_table_of_the_chapter() -> None:
     def deviation(row: str, way: str) -> Array:
         """Of the printed figures, in std of a simulated table."""
         printed = only(table, row=row, by=CHAPTER)[COLUMNS].to_numpy()[0]
-        simulated = only(table, row=row, by=HERE, way=f"simulated, {way}")
+        simulated = only(table, row=row, by=HERE, way=way)
         std = simulated[[f"± {name}" for name in COLUMNS]].to_numpy()[0]
         return np.asarray((printed - simulated[COLUMNS].to_numpy()[0]) / std)
 
