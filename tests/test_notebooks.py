@@ -156,13 +156,12 @@ def published_tables(names: dict[str, Any]) -> None:
     """Consistent in 100 %, intervals hold, least squares err as theirs did; contact and Table 22.1 as is said."""
     tools = names["tools"].reset_index()
     theirs, here = (tools[(tools["by"] == names["HERE"]) == ours] for ours in (False, True))
-    plain, physical, inside, noisy = (
-        here[here["way"] == way]
-        for way in ("fit", "fit --physical", "fit --inside BOX", "OLS, accelerations as noisy as theirs")
-    )
-    assert (physical["consistent"] == 100).all()
-    assert (inside["consistent"] == 100).all()
-    assert (inside["inertia"].to_numpy() < physical["inertia"].to_numpy()).all()
+    ways = ("fit", "fit --physical", "fit --inside BOX", "fit --prior BOX", "OLS, accelerations as noisy as theirs")
+    plain, physical, inside, prior, noisy = (here[here["way"] == way] for way in ways)
+    for better, worse in ((physical, plain), (inside, physical), (prior, inside)):
+        assert (better["consistent"] == 100).all()
+        assert (better["inertia"].to_numpy() < worse["inertia"].to_numpy()).all()
+    assert (prior["inertia"].to_numpy() < theirs.loc[theirs["way"] == "HPS", "inertia"].to_numpy()).all()
     for text in plain["intervals that hold"]:
         held, count = map(int, text.split(" of "))
         assert count == 100

@@ -83,14 +83,23 @@ def test_the_archive_has_gravity_up_and_the_stated_noise() -> None:
     assert added["tz"] == pytest.approx(np.sqrt(high.torque**2 - own.torque**2), rel=0.1)
 
 
+def test_a_homogeneous_box_is_that_of_many_points() -> None:
+    """A grid of n points a side has n² - 1 to n² of the box's own moments."""
+    tool, count = Tool("Hammer"), 60
+    axes = [low + (np.arange(count) + 0.5) / count * (high - low) for low, high in tool.box.T]
+    points = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3)
+    inertia = np.mean(np.sum(points**2, axis=1)) * np.eye(3) - points.T @ points / len(points)
+    expected = np.concatenate([[1.0], points.mean(axis=0), inertia[published.TRIANGLE]])
+    np.testing.assert_allclose(tool.homogeneous(1.0), expected, rtol=1 / count**2, atol=1e-12)
+
+
 @needs(DATA / "workshop_tools")
 @pytest.mark.parametrize("name", TOOLS)
 def test_every_tool_is_inside_its_box(name: str) -> None:
     """Second moments about the ends of the box, of each axis: sum (r - low) (high - r) dm is not negative."""
-    box, true = np.array(published.BOXES[name][0]) / 1000, Tool(name).parameters
+    (low, high), true = Tool(name).box, Tool(name).parameters
     inertia = published.symmetric(true[4:])
     second = np.diag(np.trace(inertia) / 2 * np.eye(3) - inertia)
-    low, high = box[::2], box[1::2]
     assert (low * true[0] <= true[1:4]).all()
     assert (true[1:4] <= high * true[0]).all()
     assert (-second + (low + high) * true[1:4] - low * high * true[0] >= 0).all()
@@ -100,7 +109,7 @@ def test_every_tool_is_inside_its_box(name: str) -> None:
 def test_a_row_of_the_tools() -> None:
     """One tool: ours consistent where it is asked for, and published rows as they stand."""
     table = published.tools_table(published.tool_errors(("Pliers",), ("high",)))
-    assert only(table, by=HERE, way="fit --")["consistent"].tolist() == [100, 100]
+    assert only(table, by=HERE, way="fit --")["consistent"].tolist() == [100, 100, 100]
     theirs = only(table, by=published.NADEAU, way="HPS").iloc[0, 3:8]
     assert tuple(theirs) == published.PUBLISHED["high", "HPS"]
 
