@@ -9,15 +9,16 @@ randomly) whose group delay is the lag. A step is through, from a tenth to nine 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 import truewrench as tw
-from estimation.contact.contact_wrench import ContactWrench, compensate
+from estimation.contact.contact_wrench import CalibratedModel, ContactWrench, compensate
 from estimation.contact.smoothed_contact import INERTIAL
+from estimation.fit import Fit
 from estimation.recordings.recording import Recording
 from truewrench.files.model_file import ModelFile
 
@@ -54,6 +55,23 @@ def with_step(recording: Recording, first: int) -> Recording:
     return recording.with_readings(wrench)
 
 
+def forces_by_lag(
+    fitted: Fit | CalibratedModel, recording: Recording, lags: Sequence[float]
+) -> Iterator[tuple[str, float, Array, float | None]]:
+    """Ways of smoothing a run without contact: name, lag in s, RMS of the forces (3,) N and the rise, where known."""
+    bare = recording.moved(columns={n: c for n, c in recording.columns.items() if n not in INERTIAL})
+    plain, first = compensate(fitted, recording), recording.samples // 2
+    yield "each reading", 0.0, plain.wrench[:, :3].std(axis=0), None
+    for lag in lags:
+        contact, alone = (compensate(fitted, each, lag=lag) for each in (recording, bare))
+        pushed = compensate(fitted, with_step(recording, first), lag=lag)
+        ways = {"ours, with the unit": contact.wrench, "ours": alone.wrench}
+        ways |= averages(plain.wrench, round(contact.lag / float(recording.dt or 1.0)))
+        rises = {"ours, with the unit": rise(contact, pushed, first), "moving average": 1.6, "exponential": 2.2}
+        for way, wrench in ways.items():
+            yield way, contact.lag, wrench[:, :3].std(axis=0), rises.get(way)
+
+
 def main(argv: Sequence[str] | None = None) -> None:
     """Print a row for each lag and way."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -63,21 +81,10 @@ def main(argv: Sequence[str] | None = None) -> None:
     asked = parser.parse_args(argv)
     fitted = ModelFile.read(asked.model)
     recording = tw.read(asked.run, rig=fitted.rig)
-    bare = recording.moved(columns={n: c for n, c in recording.columns.items() if n not in INERTIAL})
-    plain = compensate(fitted.calibration, recording)
     row = "{:>7} {:<22} {:>7} {:>7} {:>7} {:>6}".format
     print(row("lag, ms", "way", "fcx, N", "fcy, N", "fcz, N", "rise"))
-    print(row(0, "each reading", *(f"{v:.3f}" for v in plain.wrench[:, :3].std(axis=0)), ""))
-    first = recording.samples // 2
-    for lag in asked.lags or LAGS:
-        contact, alone = (compensate(fitted.calibration, each, lag=lag) for each in (recording, bare))
-        pushed = compensate(fitted.calibration, with_step(recording, first), lag=lag)
-        ways = {"ours, with the unit": contact.wrench, "ours": alone.wrench}
-        ways |= averages(plain.wrench, round(contact.lag / float(recording.dt or 1.0)))
-        rises = {"ours, with the unit": rise(contact, pushed, first), "moving average": 1.6, "exponential": 2.2}
-        for name, wrench in ways.items():
-            sizes = (f"{v:.3f}" for v in wrench[:, :3].std(axis=0))
-            print(row(f"{contact.lag * 1e3:.1f}", name, *sizes, f"{rises[name]:.1f}" if name in rises else ""))
+    for way, lag, rms, rising in forces_by_lag(fitted.calibration, recording, asked.lags or LAGS):
+        print(row(f"{lag * 1e3:.1f}", way, *(f"{v:.3f}" for v in rms), "" if rising is None else f"{rising:.1f}"))
 
 
 if __name__ == "__main__":

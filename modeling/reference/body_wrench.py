@@ -46,15 +46,12 @@ PRINTED_22_9 = sp.Matrix(
         DPHI**2,
     ]
 )
-FREE_CONSTANTS = sp.symbols("c1 c2 c3", real=True)
 PRINTED_22_5 = (
-    # row 1 with either overall sign, row 2, row 3 with any three constants
-    tuple(sign * MASS * (-A_GX - G * sp.sin(PHI)) for sign in (1, -1)),
-    (-MASS * (A_GY + G * sp.cos(PHI)),),
-    (FREE_CONSTANTS[0] * DDPHI + FREE_CONSTANTS[1] * A_GX * sp.sin(PHI) + FREE_CONSTANTS[2] * sp.sin(PHI),),
+    -MASS * A_GX - MASS * G * sp.sin(PHI),
+    -MASS * A_GY - MASS * G * sp.cos(PHI),
+    -INERTIA * DDPHI + MASS * L_G * (A_GX + G) * sp.sin(PHI),
 )
-"""22.5 without its biases. By PHYSICS.md acceleration and gravity have opposite signs in row 1, row 2 is that of 22.8,
-and row 3 multiplies a_G along x' by sin phi; what PHYSICS.md leaves open is open here too."""
+"""22.5 without its biases."""
 
 
 @cache
@@ -101,13 +98,12 @@ def wrench_equations() -> Equations:
         Equation(
             number="22.5",
             states=f"{channel} - bias",
-            readings=tuple(sp.Matrix([reading]) for reading in readings),
+            readings=(sp.Matrix([printed]),),
             derived=sp.Matrix([derived[i]]),
-            constants=FREE_CONSTANTS if i == 2 else (),
+            constants=(INERTIA,) if i == 2 else (),  # about which point, is not said
             erratum=None if i == 1 else 1,
-            quoted=False,
         )
-        for i, (channel, readings) in enumerate(zip(("fx", "fy", "tau"), PRINTED_22_5, strict=True))
+        for i, (channel, printed) in enumerate(zip(("fx", "fy", "tau"), PRINTED_22_5, strict=True))
     ]
     about_ps = sp.Matrix([derived_load()[2].subs(MLG, MASS * L_G).coeff(DDPHI)])
     return Equations(
@@ -120,7 +116,6 @@ def wrench_equations() -> Equations:
                 readings=(sp.Matrix([sp.Symbol("l")]), sp.Matrix([I_G])),
                 derived=about_ps.subs(BODY_ABOUT_CENTRE),
                 erratum=2,
-                quoted=False,
             ),
             Equation(
                 number="22.7",

@@ -32,6 +32,8 @@ FORCE_COMPONENTS = FORCE_SIZE * sp.Matrix([sp.sin(ANGLE), sp.cos(ANGLE)])
 PRINTED_22_14 = MATRIX_22_14 * FORCE_COMPONENTS
 PRINTED_22_16 = (FCX - TAUC * D) / (FCY * (1 + D**2))
 """The argument of the arctan in 22.16."""
+PRINTED_SIZE = ((TAUC * D - FCX) * sp.sin(ANGLE) - FCY * sp.cos(ANGLE)) / (1 + D**2 * sp.sin(ANGLE) ** 2)
+"""R of 22.16, of which the print takes the absolute value."""
 
 
 def derived_channels() -> sp.Matrix:
@@ -45,6 +47,12 @@ def least_squares(arm: sp.Matrix, weights: sp.Matrix | None = None) -> sp.Matrix
     """(R sin b, R cos b) that minimise |arm (R sin b, R cos b) - (fcx, fcy, tauc)|², by the normal equations."""
     weighted = arm.T if weights is None else arm.T * weights
     return ((weighted * arm).inv() * weighted * CONTACT_WRENCH).applyfunc(sp.factor)
+
+
+def size_along(arm: sp.Matrix) -> sp.Expr:
+    """R that minimises |arm (R sin b, R cos b) - (fcx, fcy, tauc)|² at a direction b, of either sign."""
+    column = arm * FORCE_COMPONENTS / FORCE_SIZE
+    return column.dot(CONTACT_WRENCH) / sp.trigsimp(column.dot(column))
 
 
 def tangent(arm: sp.Matrix) -> sp.Expr:
@@ -63,9 +71,8 @@ def contact_residuals() -> tuple[sp.Matrix, tuple[sp.Matrix, ...]]:
 
 
 def contact_equations() -> Equations:
-    """22.13 and 22.14 against the planar model's channels, 22.16 against least squares on 22.14 itself."""
+    """22.13 and 22.14 against the planar model's channels, 22.16 against 22.15, least squares on 22.14 itself."""
     fc, printed = contact_residuals()
-    sine, cosine = least_squares(MATRIX_22_14)
     return Equations(
         (
             Equation(number="22.13", states="fc", readings=printed, derived=fc),
@@ -75,16 +82,20 @@ def contact_equations() -> Equations:
                 readings=(PRINTED_22_14,),
                 derived=derived_channels(),
                 erratum=7,
-                quoted=False,
             ),
-            Equation(number="22.15", states="R", derived=sp.Matrix([sp.sqrt(sine**2 + cosine**2)])),
             Equation(
                 number="22.16",
                 states="tan b",
                 readings=(sp.Matrix([PRINTED_22_16]),),
                 derived=sp.Matrix([tangent(MATRIX_22_14)]),
                 erratum=3,
-                quoted=False,
+            ),
+            Equation(
+                number="22.16",
+                states="R of b",
+                readings=(sp.Matrix([PRINTED_SIZE]),),
+                derived=sp.Matrix([size_along(MATRIX_22_14)]),
+                erratum=3,
             ),
         )
     )

@@ -77,20 +77,18 @@ class Equation:
     """One equation of the chapter, or one row of it.
 
     states    its left-hand side
-    readings  the printed right-hand side, in every possible reading; () where it is not quoted
+    readings  the printed right-hand side, in every possible reading
     derived   the derived right-hand side
     constants symbols in a reading with free values: it agrees if any value makes it correct
     erratum   its number in PHYSICS.md, if any
-    quoted    whether PHYSICS.md quotes the equation; else it is typed from its description there
     """
 
     number: str
     states: str
     derived: sp.Matrix
-    readings: tuple[sp.Matrix, ...] = ()
+    readings: tuple[sp.Matrix, ...]
     constants: tuple[sp.Symbol, ...] = ()
     erratum: int | None = None
-    quoted: bool = True
 
     @cached_property
     def differences(self) -> tuple[sp.Matrix, ...]:
@@ -129,7 +127,6 @@ class Equation:
         marks = {
             EquationVerdict.ERRATUM: number,
             EquationVerdict.NOT_DERIVABLE: ", ".join(filter(None, (self.verdict.value, number))),
-            EquationVerdict.OPEN: "open" if self.readings else "open, not quoted",
         }
         return marks.get(self.verdict, self.verdict.value)
 
@@ -141,24 +138,20 @@ class Equation:
     @property
     def printed_text(self) -> str:
         """The readings as text."""
-        return "\nor\n".join(map(as_text, self.readings)) or "-"
+        return "\nor\n".join(map(as_text, self.readings))
 
     def __str__(self) -> str:
         lines = [f"{self.number}  {self.states}: {self.mark}"]
         for reading, difference in zip(self.readings, self.differences, strict=True):
-            lines += [*_labelled(self._printed, reading), *_labelled("printed - derived", difference)]
+            lines += [*_labelled("printed", reading), *_labelled("printed - derived", difference)]
         return "\n".join([*lines, *_labelled("derived", self.derived)])
 
     def _repr_latex_(self) -> str:
         lines = [latex_words(f"{self.number}  {self.states}: {self.mark}")]
         for reading, difference in zip(self.readings, self.differences, strict=True):
-            lines += [latex_words(self._printed) + rf"\quad {as_latex(reading)}"]
+            lines += [latex_words("printed") + rf"\quad {as_latex(reading)}"]
             lines += [latex_words("printed - derived") + rf"\quad {as_latex(difference)}"]
         return latex_lines([*lines, latex_words("derived") + rf"\quad {as_latex(self.derived)}"])
-
-    @property
-    def _printed(self) -> str:
-        return "printed" if self.quoted else "printed, typed"
 
 
 def _labelled(label: str, matrix: sp.Matrix) -> Iterable[str]:

@@ -23,6 +23,8 @@ ALONG_X = sp.Matrix([sp.cos(PHI), -sp.sin(PHI)])
 ALONG_Y = sp.Matrix([sp.sin(PHI), sp.cos(PHI)])
 """y' in the world, along the tip."""
 
+PRINTED_V_G = sp.Matrix([VX + L_G * DPHI * sp.cos(PHI), VY - L_G * DPHI * sp.sin(PHI)])
+"""22.3's second part, with Ps' = (vx, vy)."""
 PRINTED_A_G = sp.Matrix(
     [
         AX + L_G * (-(DPHI**2) * sp.sin(PHI) + DDPHI * sp.cos(PHI)),
@@ -85,7 +87,7 @@ def path_equations() -> Equations:
             Equation(
                 number="22.3", states="G", readings=(printed_point_on_tip(L_G),), derived=chained_links([*LINKS, L_G])
             ),
-            Equation(number="22.3", states="v_G", derived=centre_of_mass(1)),
+            Equation(number="22.3", states="v_G", readings=(PRINTED_V_G,), derived=centre_of_mass(1)),
             Equation(number="22.4", states="a_G", readings=(PRINTED_A_G,), derived=acceleration),
         )
     )
