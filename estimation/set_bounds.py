@@ -42,11 +42,11 @@ OUTWARD = 1e-6
 class SetBounds(Tabular):
     """The interval of each parameter that a largest error of the readings leaves.
 
-    Attributes
+    Parameters
     ----------
     fit : Fit
         Of a model that is linear in its parameters.
-    error : dict of str to float
+    error : mapping of str to float
         Largest error of a reading by channel, N and N m.
     low, high : array (k,)
         In the order of the fit's `theta`, in the parameters' units; infinite where the readings do not limit one, nan
