@@ -6,8 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from modeling.codegen.code_target import BUILT_IN
-from modeling.codegen.payload_format import FORMATS
+from modeling.codegen.code_target import BUILT_IN, FORMATS
 from modeling.significance import LEVELS
 from truewrench.options import (
     PRESETS,

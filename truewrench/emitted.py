@@ -14,10 +14,8 @@ from scipy.spatial.transform import Rotation
 from estimation.monitor import RATE_TOLERANCE, Monitor
 from modeling.chain.model import WrenchModel
 from modeling.chain.sensor_axes import Axes, is_turned, sensor_to_pose, turn_words
-from modeling.codegen.code_target import CodeTarget, code_target, target_names
-from modeling.codegen.fitted_model import FittedModel
-from modeling.codegen.payload_format import FORMATS, payload_format
-from modeling.codegen.rigid_tool_regressor import RigidToolRegressor
+from modeling.codegen.code_target import FORMATS, CodeTarget, code_target, payload_format, target_names
+from modeling.codegen.fitted_model import FittedModel, RigidToolRegressor
 from modeling.codegen.template import CTarget
 from modeling.codegen.tool_inertia import ToolInertia
 from modeling.compiled.straight_line_program import OperationCount, StraightLineProgram
