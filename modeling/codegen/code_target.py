@@ -94,6 +94,8 @@ FORMATS = {
     "ros2": "modeling.codegen.payload:Ros2Parameters",
 }
 """Where the class of each format is; it is imported when first used."""
+CALIBRATIONS = ("calibration", "calibration_csv", "calibration_ati")
+"""Files of the sensor: parameters in YAML, a table, and a maker's file with the correction."""
 
 
 class PayloadFormat(ABC):
