@@ -1,74 +1,87 @@
-"""A six-axis sensor of a known matrix that weighs its tool alone and with two added masses."""
+"""Recordings of a six-axis sensor with a known matrix: of its tool, and with two added masses; MuJoCo simulates."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
+from itertools import permutations
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
+import truewrench as tw
+from estimation.fit import Fit
 from estimation.recordings.recording import Recording
+from modeling.rigid_body import Load
 from modeling.space import Space
-from tests.shared.recordings import Silence, recording_of
-from tests.shared.rigs import SIMULATED
-from truewrench.simulated_rig import SimulatedRig, simulate
+from tests.shared.recordings import base, recording_of
+from tests.shared.rigs import SIMULATED, carrying
+from truewrench import simulated_rig as hidden
+from truewrench.simulated_rig.rigs import SpatialRig
 
 Array = NDArray[np.float64]
 
-CHANNELS = ("fx", "fy", "fz", "tx", "ty", "tz")
-PLACES: Mapping[str, tuple[float, tuple[float, float, float]]] = {
-    "two": (2.0, (0.0, 0.0, 0.05)),
-    "side": (1.0, (0.06, -0.03, 0.02)),
-}
-"""The added masses, kg, and their centres, m, by recording."""
-LOADS = {name: f"{mass}@{x},{y},{z}" for name, (mass, (x, y, z)) in PLACES.items()}
-"""The same as the command line has them."""
-SCALE = np.array([1, 1, 1, 0.05, 0.05, 0.05])
-"""N or N m of each channel, to which crosstalk is in proportion: a lever of 50 mm."""
+CHANNELS = Space.SPACE.channels
+TWO, SIDE = Load(mass=2.0, at=(0.0, 0.0, 0.05)), Load(mass=1.0, at=(0.06, -0.03, 0.02))
+LOADS = {"two": TWO, "side": SIDE}
+MATRIX = ("gain", "sensor_crosstalk")
+SIZE = np.array([1.0, 1.0, 1.0, 0.05, 0.05, 0.05])
+"""Of the torques over the forces, m: crosstalk is a share of a channel's usual load."""
 
 
-def random_matrix(seed: int) -> Array:
-    """From true wrench to reading (6, 6): gains within 5 %, crosstalk within 2 %."""
-    rng = np.random.default_rng(seed)
-    gains = np.diag(1 + rng.uniform(-0.05, 0.05, 6))
-    crosstalk = rng.uniform(-0.02, 0.02, (6, 6)) * SCALE[:, None] / SCALE
-    np.fill_diagonal(crosstalk, 0.0)
-    return np.asarray((np.eye(6) + crosstalk) @ gains)
-
-
-def weighed(matrix: Array, seed: int, loads: Mapping[str, object] = PLACES, motion: int = 1) -> dict[str, Recording]:
-    """Recordings of a sensor of that matrix: `empty`, and with each of the loads, all in motions of their own."""
-    return {name: _read(name, matrix, [seed, i], motion + i) for i, name in enumerate(("empty", *loads))}
-
-
-def _read(name: str, matrix: Array, seed: list[int], motion: int) -> Recording:
-    frame, rig = _true_wrench(name, motion).copy(), SIMULATED[Space.SPACE]
-    noise = np.random.default_rng(seed).normal(size=(len(frame), 6)) * np.array(rig.noise)
-    frame[list(CHANNELS)] = frame[list(CHANNELS)].to_numpy() @ matrix.T + np.array(rig.bias) + noise
-    return recording_of(frame, without=("temperature",), name=name)
+def loaded(load: Load | None) -> SpatialRig:
+    rig = SIMULATED[Space.SPACE]
+    assert isinstance(rig, SpatialRig)
+    return rig if load is None or load.mass is None else carrying(rig, load.mass, load.at)
 
 
 @cache
-def _true_wrench(name: str, motion: int) -> pd.DataFrame:
-    """Without noise and bias."""
-    rig = SIMULATED[Space.SPACE] if name not in PLACES else _with_mass(SIMULATED[Space.SPACE], *PLACES[name])
-    repeated = rig.random_motion(seed=motion)
-    frame = simulate(rig, repeated, repeats=3, samples_per_period=100, noise=Silence(), seed=0)
-    frame[list(CHANNELS)] = frame[list(CHANNELS)].to_numpy() - np.array(rig.bias)
-    return frame
-
-
-def _with_mass(rig: SimulatedRig, mass: float, place: tuple[float, float, float]) -> SimulatedRig:
-    """The rig with a point mass on its tool."""
-    r = np.array(place)
-    xx, xy, xz, yy, yz, zz = mass * (r @ r * np.eye(3) - np.outer(r, r))[np.triu_indices(3)]
-    own = rig.inertia
-    return replace(
+def wrenches(name: str, motion: int, effects: tuple[hidden.HiddenEffect, ...] = ()) -> Recording:
+    """Noise-free, with the rig's biases; of the empty rig or with one of the loads."""
+    rig = replace(loaded(LOADS.get(name)), noise=(1e-9,) * 6)
+    frame = hidden.simulate(
         rig,
-        mass=rig.mass + mass,
-        first_moment=tuple(np.array(rig.first_moment) + mass * r),
-        inertia=tuple(np.array(own) + np.array([xx, xy, xz, yy, yz, zz])),
+        rig.random_motion(seed=motion),
+        hidden=list(effects),
+        repeats=3,
+        samples_per_period=150,
+        seed=1,
     )
+    return recording_of(frame, without=("temperature",))
+
+
+def recorded(matrix: Array, seed: int, effects: tuple[hidden.HiddenEffect, ...] = ()) -> dict[str, Recording]:
+    """Three recordings by a sensor with this matrix from true wrench to reading, each with noise of its own."""
+    rng = np.random.default_rng(seed)
+    several = {}
+    for motion, name in enumerate(("empty", *LOADS), 1):
+        clean = wrenches(name, motion, effects)
+        noise = rng.normal(0.0, SIMULATED[Space.SPACE].noise, clean.wrench.shape)
+        several[name] = clean.with_readings(clean.wrench @ matrix.T + noise)
+    return several
+
+
+def wrong_matrix(seed: int) -> tuple[Array, dict[str, float]]:
+    """A sensor with gains wrong by up to 5 % and crosstalk of up to 2 %, and its parameters."""
+    rng = np.random.default_rng(seed)
+    gains = 1 + rng.uniform(-0.05, 0.05, 6)
+    leaks = rng.uniform(-0.02, 0.02, (6, 6)) * SIZE[:, None] / SIZE
+    np.fill_diagonal(leaks, 0.0)
+    truth = {f"gain.{channel}": float(gain) for channel, gain in zip(CHANNELS, gains, strict=True)}
+    for i, j in permutations(range(6), 2):
+        truth[f"sensor_crosstalk.{CHANNELS[i]}_{CHANNELS[j]}"] = float(leaks[i, j])
+    return (np.eye(6) + leaks) @ np.diag(gains), truth
+
+
+def of_matrix() -> tw.WrenchModel:
+    model = base(Space.SPACE)
+    for effect in MATRIX:
+        model = model + effect
+    return model
+
+
+def weighed(seed: int) -> tuple[Fit, dict[str, float]]:
+    matrix, truth = wrong_matrix(seed)
+    fitted = tw.fit(of_matrix(), recorded(matrix, seed), loads=LOADS)
+    rig = SIMULATED[Space.SPACE]
+    return fitted, truth | {"m": rig.mass}
