@@ -191,21 +191,23 @@ def sensor_matrix(model: Fitted | str | Path) -> SensorMatrix:
 def _calibration(model: Fitted | str | Path, to: str, sheet: str | Path | None) -> Emitted:
     """The sensor's calibration as a file; InputError as `sensor_matrix`, and for a bad or missing sheet."""
     saved = _fitted_file(model)
-    sensor, source = sensor_matrix(saved), _source()
+    spread = "std of noise alone" if saved.budget is None else "std with the contributions of the budget"
+    sensor, source = sensor_matrix(saved), f"{_source()}, {spread}"
     stated = None if saved.rig is None or saved.rig.sensor is None else saved.rig.sensor.range
     makers = None if sheet is None else MakersSheet.read(sheet, sensor.channels, stated)
     file = None if makers is None else makers.file
     if to != "calibration_ati":
         text = csv_table(sensor, source) if to == "calibration_csv" else ros_parameters(sensor, source)
     elif file is not None:
-        remarks = [f"corrected by {source}: the maker does not vouch for this matrix", *sensor.remarks()[1:]]
+        remarks = [f"corrected by {_source()}: the maker does not vouch for this matrix", *sensor.remarks()[1:]]
         text = file.corrected(sensor.correction, "; ".join(remarks))
     else:
         remedy = "give the maker's calibration file by --sheet, or emit calibration"
         raise InputError(what="it is the maker's file with the correction, and none is given", where=to, remedy=remedy)
-    said = f"Std: {'of noise alone' if saved.budget is None else 'with the contributions of the budget'}."
     warning = "; ".join(filter(None, (saved.misfit_warning(BIASED), saved.mending_warning)))
-    return Emitted(text, None, said, warning, sensor if makers is None else SheetComparison(sensor, makers))
+    return Emitted(
+        text, None, as_sentence(spread), warning, sensor if makers is None else SheetComparison(sensor, makers)
+    )
 
 
 def _fitted_file(model: Fitted | str | Path) -> ModelFile:

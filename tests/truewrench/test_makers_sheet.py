@@ -90,6 +90,23 @@ def test_elements_that_left_their_specification_are_named(write: Write) -> None:
     assert "not told from 1 %" in str(vague)
 
 
+def test_what_is_not_estimated_is_no_finding(write: Write) -> None:
+    """Crosstalk that the model has not is neither within nor beyond the sheet; beside another matrix it is assumed."""
+    model = WrenchModel(space=Space.SPACE, convention=Convention.ON_TOOL) + "gain"
+    theta = np.array([p.nominal for p in model.parameters])
+    gains = SensorMatrix.of(model, theta, 1e-6 * np.eye(len(theta)))
+    compared = SheetComparison(gains, MakersSheet.read(write(SHEET), CHANNELS))
+    assert list(compared.to_frame().reset_index()["reading_load"]) == [f"{c}_{c}" for c in CHANNELS]
+    assert "taken as stated: 30 elements" in str(compared)
+    sheet = replace(compared.sheet, matrix=np.eye(6) + 0.1 * np.eye(6, k=1))
+    rows = {
+        row["reading_load"]: row for row in SheetComparison(gains, sheet).to_frame().reset_index().to_dict("records")
+    }
+    assert rows["fx_fy"]["specified"] == ""
+    assert "assumed" in str(SheetComparison(gains, sheet))
+    assert not SheetComparison(gains, sheet).outside
+
+
 def test_a_sensor_within_its_sheet_is_rarely_said_to_have_left_it(write: Write) -> None:
     """All elements off by the stated 1 % of full scale, the worst that is specified: at most LEVELS.effect of sets.
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimation.multiplicity import holm_adjusted, normal_cdf
-from modeling.codegen.sensor_matrix import SensorMatrix
+from modeling.codegen.sensor_matrix import ASSUMED, SensorMatrix
 from modeling.errors import InputError, file_text, quoted
 from modeling.kinematics.urdf import RestrictedTreeBuilder
 from modeling.number_format import NOT_IDENTIFIABLE, P_VALUE, digits_of
@@ -161,21 +161,30 @@ class SheetComparison(Tabular):
         within = np.abs(self.difference) + LEVELS.upper_limit * std <= self._allowed
         rows = []
         for i, j in product(range(len(self.sensor.channels)), repeat=2):
+            if (i, j) in self._as_stated:
+                continue
             name, limit = f"{self.sensor.channels[i]}_{self.sensor.channels[j]}", self.sheet.accuracy[i]
             told = "beyond" if name in outside else "within" if within[i, j] else "not told from"
+            told = f"{told} {limit:g} %" if np.isfinite(self._allowed[i, j]) else ""
             known, difference = bool(np.isfinite(std[i, j])), float(self.difference[i, j])
             rows.append((
                 name, float(self.sheet.matrix[i, j]),
                 float(self.sensor.matrix[i, j]) if known else Cell(None, NOT_IDENTIFIABLE),
                 Cell(difference, format=digits_of(difference, std[i, j])) if known else None,
-                float(std[i, j]) if known else None, self.sensor.unit(i, j), _finite(p_values[i, j]),
-                _finite(difference * self.share[i, j]) if known else None,
-                f"{told} {limit:g} %" if known and np.isfinite(limit) and np.isfinite(self.share[i, j]) else "",
+                (float(std[i, j]) or Cell(None, ASSUMED)) if known else None, self.sensor.unit(i, j),
+                _finite(p_values[i, j]), _finite(difference * self.share[i, j]) if known else None,
+                told if known and std[i, j] else "",
             ))  # fmt: skip
         formats = {"maker": ".5g", "here": ".5g", "difference": ".3g", "std": ".2g"}
         numbers = [Column(name, format=spec) for name, spec in formats.items()]
         more = (Column("p", format=P_VALUE), Column("% of full scale", format=".2g"), Column("specified"))
         return Table.of(("reading_load", *numbers, "unit", *more), rows)
+
+    @property
+    def _as_stated(self) -> list[tuple[int, int]]:
+        """Elements that were not estimated, and are as the maker states them."""
+        held = (self.sensor.std(correction=False) == 0) & (self.difference == 0)
+        return [(int(i), int(j)) for i, j in np.argwhere(held)]
 
     def remarks(self) -> list[str]:
         """What the columns are, and which elements left the specification."""
@@ -183,6 +192,8 @@ class SheetComparison(Tabular):
             f"p is of no difference, Holm over the elements; specified is against the accuracy stated, at"
             f" {LEVELS.effect:g} over all of them, for one load at full scale"
         ]
+        if self._as_stated:
+            said.append(f"not shown, as they are not estimated and taken as stated: {len(self._as_stated)} elements")
         if not np.isfinite(self._allowed).any():
             said.append("the sheet states no accuracy with a full scale, so that nothing is held against it")
         elif self.outside:
