@@ -231,6 +231,15 @@ def test_what_is_no_sheet_is_said_in_one_line(what: str, write: Write) -> None:
     assert "\n" not in str(refused.value)
 
 
+def test_a_file_whose_rows_are_dependent_is_not_corrected(write: Write) -> None:
+    zeros = " ".join(["0"] * 6)
+    text = ati_text()
+    for tag in ("Axis", "UserAxis"):
+        first = text.partition(f'<{tag} Name="Fx" values="')[2].partition('"')[0]
+        with pytest.raises(InputError, match="do not follow"):
+            emit(model_file(np.eye(6)), "calibration_ati", sheet=write(text.replace(first, zeros)))
+
+
 def test_a_file_of_six_axes_is_none_of_a_planar_sensor(write: Write) -> None:
     with pytest.raises(InputError, match="of six axes"):
         MakersSheet.read(write(ati_text()), Space.PLANE.channels)

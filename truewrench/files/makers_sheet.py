@@ -6,7 +6,6 @@ import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from math import isfinite
 from pathlib import Path
 from typing import Self
 from xml.etree import ElementTree
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 from estimation.multiplicity import holm_adjusted, normal_cdf
 from modeling.codegen.sensor_matrix import ASSUMED, SensorMatrix
 from modeling.errors import InputError, file_text, quoted
+from modeling.kinematics.placement import LARGEST_NUMBER
 from modeling.kinematics.urdf import RestrictedTreeBuilder
 from modeling.number_format import NOT_IDENTIFIABLE, P_VALUE, digits_of
 from modeling.significance import LEVELS
@@ -82,7 +82,10 @@ def _columns(text: str, channels: Sequence[str], where: str) -> dict[str, Array]
     """Numbers (p,) of a sheet by column, in the order of the channels; NaN where a cell is empty."""
     lines = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
     head = lines[0] if lines else ""
-    rows = list(csv.reader(lines, delimiter=";" if ";" in head else ","))
+    try:
+        rows = list(csv.reader(lines, delimiter=";" if ";" in head else ","))
+    except csv.Error as error:
+        raise InputError(what=f"not a CSV file: {error}", where=where, remedy=REMEDY) from None
     names = [name.strip().lower() for name in rows[0]] if rows else []
     if "channel" not in names or any(len(row) != len(names) for row in rows):
         raise InputError(what="no table with a column channel", where=where, remedy=REMEDY)
@@ -102,7 +105,7 @@ def _columns(text: str, channels: Sequence[str], where: str) -> dict[str, Array]
 def _number(cell: str, where: str) -> float:
     """A number of a sheet; NaN of an empty cell."""
     try:
-        if not cell.strip() or isfinite(float(cell)):
+        if not cell.strip() or abs(float(cell)) < LARGEST_NUMBER:
             return float(cell) if cell.strip() else np.nan
     except ValueError:
         pass
@@ -282,7 +285,7 @@ class AtiCalibration:
         changed: dict[str, Array] = {"UserAxis": in_units @ user}
         if self.root.findall(".//Axis"):
             makers = self._rows("Axis")
-            if makers.shape != user.shape or np.linalg.matrix_rank(makers) < len(makers):
+            if makers.shape != user.shape or min(map(np.linalg.matrix_rank, (makers, user))) < len(makers):
                 what = "the rows UserAxis do not follow from the rows Axis"
                 raise InputError(what=what, where=self.where, remedy="give the file as the maker wrote it")
             to_user = user @ np.linalg.pinv(makers)
