@@ -82,28 +82,23 @@ class SensorMatrix(Tabular):
             covariance=np.where(np.outer(known, known), covariance, 0.0),
             left_out=tuple(e.id for e in model.effects if e.stage.number > Stage.GAIN.number),
         )
-        if sensor._spans_scale(np.ones_like(known)) and not sensor._spans_scale(known):
-            what = (
-                "the scale of the sensor is not determined: in these recordings it is one number with the tool's mass"
-            )
-            remedy = (
-                "fit recordings that differ by a known load (--load), or sensor_gain, for gains relative to the first"
-            )
+        std = sensor.std(correction=False)
+        estimated = np.isfinite(std) & (std > 0)
+        if not (np.diag(estimated) if sensor.scale_determined else estimated).any():
+            what = "the scale of the sensor is not determined: here it is one number with the mass of the tool"
+            remedy = "fit recordings that differ by a known load (--load), or sensor_gain, relative to one channel"
             raise InputError(what=what, where=WHERE, remedy=remedy)
         if np.linalg.matrix_rank(sensor.matrix) < size:
             raise InputError(what="the matrix has no inverse", where=WHERE, remedy="see what the model lacks: diagnose")
         return sensor
 
-    def _spans_scale(self, among: NDArray[np.bool_]) -> bool:
-        """Whether those parameters change the scale of the whole matrix."""
-        columns, whole = self.slopes[among].reshape(int(among.sum()), -1).T, self.matrix.ravel()
-        left = whole - columns @ np.linalg.lstsq(columns, whole, rcond=None)[0]
-        return bool(np.linalg.norm(left) < ROUNDING * np.linalg.norm(whole))
-
     @cached_property
     def scale_determined(self) -> bool:
-        """Whether the scale of the whole matrix was estimated; else some of its elements are taken as they are."""
-        return self._spans_scale(self.known)
+        """Whether the model has the scale of the whole matrix free; else what it holds is taken as it is."""
+        free = ~self.known | (np.diag(self.covariance) > 0)
+        columns, whole = self.slopes[free].reshape(int(free.sum()), -1).T, self.matrix.ravel()
+        left = whole - columns @ np.linalg.lstsq(columns, whole, rcond=None)[0]
+        return bool(np.linalg.norm(left) < ROUNDING * np.linalg.norm(whole))
 
     @cached_property
     def correction(self) -> Array:
@@ -172,7 +167,7 @@ class SensorMatrix(Tabular):
         said = ["reading = matrix · wrench + zero and wrench = correction · (reading - zero), in the readings' axes and"
                 " signs; N, N m"]  # fmt: skip
         if not self.scale_determined:
-            held = [self.channels[i] for i in range(len(self.channels)) if not self.slopes[:, i, i].any()]
+            held = [c for c, std in zip(self.channels, np.diag(self.std(correction=False)), strict=True) if std == 0]
             said.append(
                 f"the scale is not determined: {', '.join(held) or 'what is not estimated'} read as they did, and the"
                 " others against them; known loads (--load) and gain tell it"

@@ -108,8 +108,14 @@ def test_what_the_recordings_do_not_tell_is_said() -> None:
     assert "not identifiable, and taken as they stand: fx_tz" in str(sensor)
     with pytest.raises(InputError, match=r"scale of the sensor is not determined.*known load"):
         SensorMatrix.of(model, theta, without(*(f"gain.{c}" for c in model.channels)))
-    with pytest.raises(InputError, match="scale of the sensor is not determined"):
-        SensorMatrix.of(model, theta, without("gain.fz"))
+    one = SensorMatrix.of(model, theta, without("gain.tz"))  # the others are told all the same
+    assert one.scale_determined
+    assert "as they stand: fx_tz, fy_tz, fz_tz, tx_tz, ty_tz, tz_tz" in str(one)
+    fixed = covariance.copy()
+    place = names.index("gain.fz")
+    fixed[place], fixed[:, place] = 0.0, 0.0  # by a bound
+    held = SensorMatrix.of(model, theta, fixed)
+    assert not held.scale_determined
     relative = bare(Space.SPACE, "sensor_gain", "gain_nonlinearity")
     sensor = SensorMatrix.of(relative, *drawn(relative, 1))
     assert "the scale is not determined: fx read as they did" in str(sensor)
