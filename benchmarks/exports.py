@@ -27,7 +27,7 @@ import truewrench as tw
 from estimation.fit import Fit
 from estimation.least_squares.estimates import Estimate
 from modeling.chain.model import WrenchModel
-from modeling.codegen.payload_format import FORMATS
+from modeling.codegen.code_target import FORMATS
 from modeling.codegen.tool_inertia import ToolInertia
 from modeling.noise import NoiseSource
 from modeling.rig import Convention, SensorDescription

@@ -43,7 +43,7 @@ from estimation.streaming.chunk import Chunk
 from estimation.streaming.chunk_information import linear_regressor_map
 from modeling.chain.model import WrenchModel, planar, spatial
 from modeling.codegen.code_target import code_target
-from modeling.codegen.rigid_tool_regressor import RigidToolRegressor
+from modeling.codegen.fitted_model import RigidToolRegressor
 from modeling.noise import NoiseModel
 from modeling.rig import STANDARD_GRAVITY, Convention
 from modeling.space import Space

@@ -7,17 +7,18 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import lru_cache
 from math import isfinite
-from typing import Any, Self
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, Any, Self
 
 from modeling import symbolic as sp
 from modeling.errors import InputError, quoted
 from modeling.parameter import Parameter
 from modeling.space import Space, vector
 
-Array = NDArray[np.float64]
+if TYPE_CHECKING:  # what describes a model loads no numerical library
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
 
 
 def contact_components(space: Space) -> tuple[str, ...]:
@@ -221,12 +222,13 @@ class Load:
 
     def moments(self, space: Space) -> Array:
         """Its `inertial_parameters` (k,), about the sensor's origin."""
-        moments: Array = np.array(_moments_of_body(space)[0](*self._numbers(space)), dtype=float)
-        return np.asarray(moments.ravel(), dtype=np.float64)
+        moments: Array = _moments_of_body(space)[0](*self._numbers(space)).ravel().astype(float)
+        return moments
 
     def slopes(self, space: Space) -> Array:
         """Derivative (1 + d, k) of its moments in the mass, kg, and in each coordinate of its centre, m."""
-        return np.array(_moments_of_body(space)[1](*self._numbers(space)), dtype=np.float64)
+        slopes: Array = _moments_of_body(space)[1](*self._numbers(space)).astype(float)
+        return slopes
 
     def _numbers(self, space: Space) -> tuple[float, ...]:
         """Mass, coordinates of the centre and moments about it; InputError for another number of them."""
@@ -262,4 +264,4 @@ def _moments_of_body(space: Space) -> tuple[Any, Any]:
 def known_moments(loads: Iterable[Load], space: Space) -> Array | None:
     """Sum (k,) of the inertial parameters of the known loads; None without any."""
     known = [load.moments(space) for load in loads if load.known]
-    return np.array(known).sum(axis=0) if known else None
+    return sum(known[1:], start=known[0]) if known else None

@@ -54,7 +54,7 @@ _NAMES: dict[str, tuple[str, ...]] = {
     "modeling.rig": ("Rig",),
     "modeling.rigid_body": ("Load",),
     "modeling.space": ("signals",),
-    "truewrench.emitted": ("emit",),
+    "truewrench.emitted": ("emit", "sensor_matrix"),
     "truewrench.files.effects_file": ("read_effects",),
     "truewrench.files.model_file": ("load", "save"),
     "truewrench.plots.reading_plot": ("plot_reading",),
@@ -139,6 +139,7 @@ if TYPE_CHECKING:
     from modeling.space import signals as signals
     from truewrench import simulated_rig as simulated_rig
     from truewrench.emitted import emit as emit
+    from truewrench.emitted import sensor_matrix as sensor_matrix
     from truewrench.files.effects_file import read_effects as read_effects
     from truewrench.files.model_file import load as load
     from truewrench.files.model_file import save as save

@@ -6,8 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from modeling.codegen.code_target import BUILT_IN
-from modeling.codegen.payload_format import FORMATS
+from modeling.codegen.code_target import BUILT_IN, CALIBRATIONS, FORMATS
 from modeling.significance import LEVELS
 from truewrench.options import (
     PRESETS,
@@ -349,15 +348,18 @@ def emit(commands: Subcommands[Any]) -> argparse.ArgumentParser:
         "Generate code (numpy, casadi, c, latex): the regressor of a base model, or prediction and contact wrench of a"
         " fitted model, sample by sample; the operation counts are printed. Or write the identified tool as robots take"
         " it: an <inertial> of URDF, SDF or MJCF, set_payload of Universal Robots, setLoad of Franka, parameters of a"
-        " ROS 2 node."
+        " ROS 2 node. Or write the sensor's calibration, a matrix with its covariance, as drivers take it."
     )
     command: argparse.ArgumentParser = commands.add_parser(
-        "emit", help="write a model as code, or its tool for a robot", description=text
+        "emit", help="write a model as code, its tool for a robot, or the sensor's calibration", description=text
     )
     explanation = "model file of `fit --out` or `diagnose --out`, or a base model: planar, spatial"
     command.add_argument("model", metavar="MODEL.json|planar|spatial", help=explanation)
     command.add_argument(
-        "--to", required=True, metavar="FORMAT", help=f"language or format: {', '.join((*BUILT_IN, *FORMATS))}"
+        "--to",
+        required=True,
+        metavar="FORMAT",
+        help=f"language or format: {', '.join((*BUILT_IN, *FORMATS, *CALIBRATIONS))}",
     )
     text = "sampling rate of the code; needed for a model with lag, delay, hysteresis or a flexible tip"
     command.add_argument("--rate", type=positive, metavar="HZ", help=text)
@@ -366,6 +368,9 @@ def emit(commands: Subcommands[Any]) -> argparse.ArgumentParser:
     command.add_argument("--sensor-pose", type=finite, nargs=6, metavar=pose, help=text)
     text = "C with a monitor: bias, tool and changes on line; its noise and rate are those of REC, ordinary work"
     command.add_argument("--monitor", metavar="REC", help=text)
+    text = "what the maker states of the sensor, to compare a calibration with: a CSV of channel, full_scale, accuracy"
+    text += " (%% of it) and, under the channels' names, the matrix; or ATI's .cal, which calibration_ati corrects"
+    command.add_argument("--sheet", metavar="FILE", help=text)
     command.add_argument("--out", type=Path, metavar="FILE", help="file to write (default: standard output)")
     return command
 

@@ -1,4 +1,4 @@
-"""What `emit` writes of a model: code in a target language, or the tool in a format of robots and controllers."""
+"""What `emit` writes of a model: code, the tool for robots and controllers, or the sensor's calibration for drivers."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from scipy.spatial.transform import Rotation
 from estimation.monitor import RATE_TOLERANCE, Monitor
 from modeling.chain.model import WrenchModel
 from modeling.chain.sensor_axes import Axes, is_turned, sensor_to_pose, turn_words
-from modeling.codegen.code_target import CodeTarget, code_target, target_names
-from modeling.codegen.fitted_model import FittedModel
-from modeling.codegen.payload_format import FORMATS, payload_format
-from modeling.codegen.rigid_tool_regressor import RigidToolRegressor
+from modeling.codegen.code_target import CALIBRATIONS, FORMATS, CodeTarget, code_target, payload_format, target_names
+from modeling.codegen.fitted_model import FittedModel, RigidToolRegressor
+from modeling.codegen.sensor_matrix import SensorMatrix, csv_table, ros_parameters
 from modeling.codegen.template import CTarget
 from modeling.codegen.tool_inertia import ToolInertia
 from modeling.compiled.straight_line_program import OperationCount, StraightLineProgram
-from modeling.errors import InputError, suggestion
+from modeling.errors import InputError, quoted, suggestion
 from modeling.number_format import as_sentence
 from modeling.space import Space
 from modeling.table import Column, Table
 from truewrench.files.case_files import MEANINGS
+from truewrench.files.makers_sheet import MakersSheet, SheetComparison
 from truewrench.files.model_file import ModelFile, as_model_file
 
 if TYPE_CHECKING:
@@ -46,6 +46,7 @@ DIFFERENT_TURN = 0.1
 class Emitted:
     """A text, and the operations per sample where it is code.
 
+    beside   of a calibration the matrix beside the maker's, where there is a sheet, else the matrix itself
     frames   the frame and the sign convention of what was written, a sentence; empty of a base model
     warning  that the model did not fit its recordings, or that these were mended; empty where neither is known
     """
@@ -54,6 +55,7 @@ class Emitted:
     operations: Table | None
     frames: str = ""
     warning: str = ""
+    beside: SensorMatrix | SheetComparison | None = None
 
 
 def emit(
@@ -63,6 +65,7 @@ def emit(
     rate: float | None = None,
     sensor_pose: Sequence[float] | None = None,
     monitor: Monitor | None = None,
+    sheet: str | Path | None = None,
 ) -> str:
     """Write a model as code, or its tool as robot descriptions and controllers take it.
 
@@ -72,7 +75,8 @@ def emit(
         A fit, or a study or a diagnosis, whose last fit it is; a model file or its path; or a base model: "planar",
         "spatial".
     to : str
-        Code: "numpy", "casadi", "c", "latex". The tool: "urdf", "sdf", "mjcf", "ur", "franka", "ros2".
+        Code: "numpy", "casadi", "c", "latex". The tool: "urdf", "sdf", "mjcf", "ur", "franka", "ros2". The sensor:
+        "calibration" (YAML), "calibration_csv", "calibration_ati" (the `sheet`, corrected).
     rate : float, optional
         Sampling rate of the code in Hz; needed for a model with memory.
     sensor_pose : sequence of float, optional
@@ -81,6 +85,8 @@ def emit(
         sensor that is turned against the logged pose along the axes of that pose.
     monitor : Monitor, optional
         A monitor of this model, which the code in C then has beside it.
+    sheet : str or Path, optional
+        What the maker states of the sensor, a CSV or a calibration file of ATI, for "calibration_ati".
 
     Returns
     -------
@@ -101,7 +107,7 @@ def emit(
     >>> "def regressor(ax, ay, phi, dphi, ddphi)" in code
     True
     """
-    return emitted(model, to, rate=rate, sensor_pose=sensor_pose, monitor=monitor).text
+    return emitted(model, to, rate=rate, sensor_pose=sensor_pose, monitor=monitor, sheet=sheet).text
 
 
 def emitted(
@@ -111,18 +117,24 @@ def emitted(
     rate: float | None = None,
     sensor_pose: Sequence[float] | None = None,
     monitor: Monitor | None = None,
+    sheet: str | Path | None = None,
 ) -> Emitted:
     """`emit`, with the operation counts of code."""
     if monitor is not None:
         require_monitored(model, to)
+    if to in CALIBRATIONS and sensor_pose is None:
+        return _calibration(model, to, sheet)
+    if sheet is not None:
+        remedy = f"emit the sensor: {', '.join(CALIBRATIONS)}"
+        raise InputError(what=f"{quoted(to)} has nothing of the sensor's sheet", where="sheet", remedy=remedy)
     if to in FORMATS:
         return _tool(model, to, sensor_pose)
-    if to not in target_names():
-        remedy = suggestion(to, (*target_names(), *FORMATS))
+    if to not in (*target_names(), *CALIBRATIONS):
+        remedy = suggestion(to, (*target_names(), *FORMATS, *CALIBRATIONS))
         raise InputError(what=f"'{to[:40]}' is no language or format", where="to", remedy=remedy)
     if sensor_pose is not None:
         remedy = f"leave it out, or emit the tool: {', '.join(FORMATS)}"
-        raise InputError(what="code has no frame but the sensor's", where="sensor pose", remedy=remedy)
+        raise InputError(what="code and calibration have no frame but the sensor's", where="sensor pose", remedy=remedy)
     return _code(model, to, rate, monitor)
 
 
@@ -143,11 +155,71 @@ def _source(*, weighed: bool = True) -> str:
     return f"truewrench {version('truewrench')}" + ("" if weighed else f" ({UNKNOWN})")
 
 
-def _tool(model: Fitted | str | Path, to: str, sensor_pose: Sequence[float] | None) -> Emitted:
+def sensor_matrix(model: Fitted | str | Path) -> SensorMatrix:
+    """The calibration of a sensor: the matrix from true wrench to reading, its inverse, and their covariance.
+
+    Parameters
+    ----------
+    model : Fit, StreamedFit, ModelFile, Study, Diagnosis, str or Path
+        A fitted model that has the gains of the channels or crosstalk, or its file.
+
+    Returns
+    -------
+    SensorMatrix
+        `matrix`, `correction` and `zero` in the axes and signs of the readings, N and N m, `std` and `covariance_of`
+        of their elements, with the budget of the model where it has one; `corrected(readings)` are wrenches.
+
+    Raises
+    ------
+    InputError
+        For a model without gain and crosstalk, and for gains whose scale the recordings do not tell.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> rig = tw.Rig.read("rig.toml")
+    >>> fit = tw.fit(tw.planar(rig) + "sensor_gain", tw.read("train.csv", rig=rig))
+    >>> tw.sensor_matrix(fit).scale_determined
+    False
+    """
+    saved = _fitted_file(model)
+    size = len(saved.theta)
+    covariance = saved.covariance if saved.budget is None else saved.budget.calibration.covariance[:size, :size]
+    return SensorMatrix.of(saved.model, saved.theta, covariance)
+
+
+def _calibration(model: Fitted | str | Path, to: str, sheet: str | Path | None) -> Emitted:
+    """The sensor's calibration as a file; InputError as `sensor_matrix`, and for a bad or missing sheet."""
+    saved = _fitted_file(model)
+    spread = "std of noise alone" if saved.budget is None else "std with the contributions of the budget"
+    sensor, source = sensor_matrix(saved), f"{_source()}, {spread}"
+    stated = None if saved.rig is None or saved.rig.sensor is None else saved.rig.sensor.range
+    makers = None if sheet is None else MakersSheet.read(sheet, sensor.channels, stated)
+    file = None if makers is None else makers.file
+    if to != "calibration_ati":
+        text = csv_table(sensor, source) if to == "calibration_csv" else ros_parameters(sensor, source)
+    elif file is not None:
+        remarks = [f"corrected by {_source()}: the maker does not vouch for this matrix", *sensor.remarks()[1:]]
+        text = file.corrected(sensor.correction, "; ".join(remarks))
+    else:
+        remedy = "give the maker's calibration file by --sheet, or emit calibration"
+        raise InputError(what="it is the maker's file with the correction, and none is given", where=to, remedy=remedy)
+    warning = "; ".join(filter(None, (saved.misfit_warning(BIASED), saved.mending_warning)))
+    return Emitted(
+        text, None, as_sentence(spread), warning, sensor if makers is None else SheetComparison(sensor, makers)
+    )
+
+
+def _fitted_file(model: Fitted | str | Path) -> ModelFile:
+    """What a model file holds of it; InputError for a base model."""
     if str(model) in BASES:
         remedy = "give a fit or a model file: `truewrench fit --out model.json`"
         raise InputError(what="a base model has no values", where=str(model), remedy=remedy)
-    saved = _model_file(model)
+    return _model_file(model)
+
+
+def _tool(model: Fitted | str | Path, to: str, sensor_pose: Sequence[float] | None) -> Emitted:
+    saved = _fitted_file(model)
     calibration = saved.calibration
     fitted, along = (calibration.model, calibration.theta), Axes.POSE if sensor_pose is None else Axes.SENSOR
     tool = ToolInertia.of(*fitted, calibration.covariance, _sensor_link(saved), along)

@@ -86,7 +86,7 @@ def add_report(command: argparse.ArgumentParser) -> None:
 
 READ = (
     "sources", "recordings", "recording", "models", "model", "on", "validate", "rig", "map", "effects", "bounds",
-    "prior", "budget", "calibration", "monitor", "next",
+    "prior", "budget", "calibration", "monitor", "next", "sheet",
 )  # fmt: skip
 """Arguments of all commands that name files which are read."""
 

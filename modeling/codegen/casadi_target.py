@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from modeling import symbolic as sp
 from modeling.codegen.code_target import CodeTarget
 from modeling.codegen.expression_text import identifiers
-from modeling.codegen.fitted_model import FittedModel
-from modeling.codegen.rigid_tool_regressor import RigidToolRegressor
+from modeling.codegen.fitted_model import FittedModel, RigidToolRegressor
 from modeling.compiled.straight_line_program import StraightLineProgram
 from modeling.compiled.symbolic_vector import casadi_results
 from modeling.dynamics.sample_program import Assignments, DelayLine, InitialisedValues, NewtonSolution, SampleProgram

@@ -12,8 +12,7 @@ from typing import Any, NamedTuple
 from modeling import symbolic as sp
 from modeling.chain.model import ALIGNED_MOUNTING
 from modeling.chain.sensor_axes import is_turned, sensor_to_pose, turn_words
-from modeling.codegen.fitted_model import FittedModel, has_memory
-from modeling.codegen.rigid_tool_regressor import RigidToolRegressor
+from modeling.codegen.fitted_model import FittedModel, RigidToolRegressor, has_memory
 from modeling.compiled.straight_line_program import StraightLineProgram
 from modeling.errors import InputError
 from modeling.kinematics.placement import base_angle, base_placement

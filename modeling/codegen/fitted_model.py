@@ -1,4 +1,8 @@
-"""A fitted model as the code generators take it: estimated parameters and programs."""
+"""What code generators write: a fitted model with its programs, and the regressor of the rigid tool.
+
+Equations 22.x: chapter 22, "Characterization of the Dynamical Model of a Force Sensor for Robot Manipulators" (Bassi et
+al.).
+"""
 
 from __future__ import annotations
 
@@ -9,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from modeling import symbolic as sp
-from modeling.chain.model import WrenchModel
+from modeling.chain.model import WrenchModel, planar
 from modeling.chain.prediction import compiled_prediction
+from modeling.chain.regressor import regressor
 from modeling.chain.sensor_axes import contact_gain
 from modeling.compiled.straight_line_program import StraightLineProgram, forward_derivative, required_definitions
 from modeling.dynamics.discrete_deflection import DiscreteDeflection, deflected
@@ -18,8 +23,8 @@ from modeling.dynamics.sample_program import SampleProgram, SampleProgramBuilder
 from modeling.errors import InputError
 from modeling.noise import NoiseModel
 from modeling.parameter import Parameter
-from modeling.rigid_body import contact_components
-from modeling.space import signals
+from modeling.rigid_body import contact_components, newton_euler, rigid_body
+from modeling.space import Space, signals, vector
 
 Array = NDArray[np.float64]
 
@@ -253,3 +258,51 @@ class MonitorProgram:
     def expected_blocks(self) -> float:
         """Blocks in which one false alarm is expected at most."""
         return float(np.exp(self.threshold - self.contact_blocks * self.cap))
+
+
+@dataclass(frozen=True)
+class RigidToolRegressor:
+    """Phi (p, k) with reading = Phi theta, convention `on_tool`: 22.8 in the plane, 6 x 16 in six axes.
+
+    Inputs in the plane: ax, ay, phi, dphi, ddphi, and g = 9.806 m/s². In six axes a, omega, alpha of the sensor
+    origin in the sensor frame, with a its acceleration minus gravity: the load depends on the orientation only
+    through it.
+    """
+
+    space: Space
+
+    @property
+    def arguments(self) -> dict[str, tuple[str, ...]]:
+        """The arguments with their components, in order."""
+        if self.space is Space.PLANE:
+            return {name: (name,) for name in ("ax", "ay", "phi", "dphi", "ddphi")}
+        return {name: tuple(f"{name}_{axis}" for axis in "xyz") for name in ("a", "omega", "alpha")}
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """The components of all arguments, in order."""
+        return tuple(name for components in self.arguments.values() for name in components)
+
+    @cached_property
+    def model(self) -> WrenchModel:
+        """The rigid-tool model."""
+        return planar() if self.space is Space.PLANE else WrenchModel(space=self.space)
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The parameters, in the order of the columns."""
+        return self.model.parameters
+
+    @cached_property
+    def matrix(self) -> sp.Matrix:
+        """Phi (p, k), symbolic."""
+        if self.space is Space.PLANE:
+            return regressor(self.model)
+        lift, omega, alpha = (vector(*signals(*components)) for components in self.arguments.values())
+        wrench = sp.Matrix.vstack(*newton_euler(rigid_body(self.space), lift, omega, alpha))
+        return (wrench + self.model.bias).applyfunc(sp.expand).jacobian([p.symbol for p in self.parameters])
+
+    @cached_property
+    def program(self) -> StraightLineProgram:
+        """The elements of Phi, row by row."""
+        return StraightLineProgram.of(list(self.matrix))

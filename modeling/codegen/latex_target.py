@@ -11,8 +11,7 @@ from modeling.chain.chain import Chain
 from modeling.chain.regressor import regressor_functions
 from modeling.codegen.code_target import CodeTarget
 from modeling.codegen.expression_text import regressor_documentation, signal_documentation
-from modeling.codegen.fitted_model import FittedModel
-from modeling.codegen.rigid_tool_regressor import RigidToolRegressor
+from modeling.codegen.fitted_model import FittedModel, RigidToolRegressor
 from modeling.rigid_body import newton_euler
 from modeling.space import Space, signals, vector
 

@@ -9,7 +9,7 @@ from xml.etree.ElementTree import Comment, Element, ElementTree, SubElement, ind
 import numpy as np
 from numpy.typing import NDArray
 
-from modeling.codegen.payload_format import MOMENTS, PayloadFormat, remarks, where_it_goes
+from modeling.codegen.code_target import MOMENTS, PayloadFormat, remarks, where_it_goes
 from modeling.codegen.tool_inertia import ALONG_POSE, STATED_FRAME, ToolInertia
 
 Array = NDArray[np.float64]

@@ -22,8 +22,7 @@ from modeling.codegen.expression_text import (
     parameter_comment,
     regressor_documentation,
 )
-from modeling.codegen.fitted_model import FittedModel, MonitorProgram
-from modeling.codegen.rigid_tool_regressor import RigidToolRegressor
+from modeling.codegen.fitted_model import FittedModel, MonitorProgram, RigidToolRegressor
 from modeling.compiled.straight_line_program import StraightLineProgram
 from modeling.dynamics.sample_program import SampleProgram
 from modeling.space import signals

@@ -196,18 +196,18 @@ def _body(link: ElementTree.Element, file: str, placement: Placement, joint: int
     return own.moved(placement.then(read.placement), joint) if mass else None
 
 
-class _RestrictedTreeBuilder(ElementTree.TreeBuilder):
+class RestrictedTreeBuilder(ElementTree.TreeBuilder):
     """XML tree builder that refuses a document type, so that no entities can be declared."""
 
     def doctype(self, name: str, *_: str | None) -> None:
-        raise ValueError(f"it has a document type declaration ({name}), which no URDF needs")
+        raise ValueError(f"it has a document type declaration ({name}), which is not read")
 
 
 def _robot(path: Path) -> ElementTree.Element:
     remedy = "give a URDF file (expand a xacro file with `xacro` first)"
     try:
         root: ElementTree.Element = ElementTree.fromstring(
-            path.read_bytes(), parser=ElementTree.XMLParser(target=_RestrictedTreeBuilder())
+            path.read_bytes(), parser=ElementTree.XMLParser(target=RestrictedTreeBuilder())
         )
     except OSError as error:
         what = error.strerror or "cannot be read"

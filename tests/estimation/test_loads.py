@@ -5,17 +5,14 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cache
-from itertools import permutations
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.stats import binom
+from scipy.stats import binom, chi2
 
 import truewrench as tw
-from estimation.fit import Fit
 from estimation.parameter_layout import parameter_layout
 from estimation.recordings.recording import Recording
 from modeling.errors import InputError
@@ -23,77 +20,25 @@ from modeling.rig import Rig
 from modeling.rigid_body import Load, known_moments
 from modeling.space import Space
 from tests.shared.recordings import base, recording_of
-from tests.shared.rigs import SIMULATED, carrying
+from tests.shared.rigs import SIMULATED
+from tests.shared.weighed_sensor import (
+    CHANNELS,
+    LOADS,
+    SIDE,
+    TWO,
+    loaded,
+    of_matrix,
+    recorded,
+    weighed,
+    wrenches,
+    wrong_matrix,
+)
 from truewrench import simulated_rig as hidden
 from truewrench.command_line import main
-from truewrench.simulated_rig.rigs import PlanarRig, SpatialRig
+from truewrench.simulated_rig.rigs import PlanarRig
 
 pytest.importorskip("mujoco")
 Array = NDArray[np.float64]
-CHANNELS = Space.SPACE.channels
-TWO, SIDE = Load(mass=2.0, at=(0.0, 0.0, 0.05)), Load(mass=1.0, at=(0.06, -0.03, 0.02))
-LOADS = {"two": TWO, "side": SIDE}
-MATRIX = ("gain", "sensor_crosstalk")
-SIZE = np.array([1.0, 1.0, 1.0, 0.05, 0.05, 0.05])
-"""Of the torques over the forces, m: crosstalk is a share of a channel's usual load."""
-
-
-def loaded(load: Load | None) -> SpatialRig:
-    rig = SIMULATED[Space.SPACE]
-    assert isinstance(rig, SpatialRig)
-    return rig if load is None or load.mass is None else carrying(rig, load.mass, load.at)
-
-
-@cache
-def wrenches(name: str, motion: int, effects: tuple[hidden.HiddenEffect, ...] = ()) -> Recording:
-    """Noise-free, with the rig's biases; of the empty rig or with one of the loads."""
-    rig = replace(loaded(LOADS.get(name)), noise=(1e-9,) * 6)
-    frame = hidden.simulate(
-        rig,
-        rig.random_motion(seed=motion),
-        hidden=list(effects),
-        repeats=3,
-        samples_per_period=150,
-        seed=1,
-    )
-    return recording_of(frame, without=("temperature",))
-
-
-def recorded(matrix: Array, seed: int, effects: tuple[hidden.HiddenEffect, ...] = ()) -> dict[str, Recording]:
-    """Three recordings by a sensor with this matrix from true wrench to reading, each with noise of its own."""
-    rng = np.random.default_rng(seed)
-    several = {}
-    for motion, name in enumerate(("empty", *LOADS), 1):
-        clean = wrenches(name, motion, effects)
-        noise = rng.normal(0.0, SIMULATED[Space.SPACE].noise, clean.wrench.shape)
-        several[name] = clean.with_readings(clean.wrench @ matrix.T + noise)
-    return several
-
-
-def wrong_matrix(seed: int) -> tuple[Array, dict[str, float]]:
-    """A sensor with gains wrong by up to 5 % and crosstalk of up to 2 %, and its parameters."""
-    rng = np.random.default_rng(seed)
-    gains = 1 + rng.uniform(-0.05, 0.05, 6)
-    leaks = rng.uniform(-0.02, 0.02, (6, 6)) * SIZE[:, None] / SIZE
-    np.fill_diagonal(leaks, 0.0)
-    truth = {f"gain.{channel}": float(gain) for channel, gain in zip(CHANNELS, gains, strict=True)}
-    for i, j in permutations(range(6), 2):
-        truth[f"sensor_crosstalk.{CHANNELS[i]}_{CHANNELS[j]}"] = float(leaks[i, j])
-    return (np.eye(6) + leaks) @ np.diag(gains), truth
-
-
-def of_matrix() -> tw.WrenchModel:
-    model = base(Space.SPACE)
-    for effect in MATRIX:
-        model = model + effect
-    return model
-
-
-def weighed(seed: int) -> tuple[Fit, dict[str, float]]:
-    matrix, truth = wrong_matrix(seed)
-    fitted = tw.fit(of_matrix(), recorded(matrix, seed), loads=LOADS)
-    rig = SIMULATED[Space.SPACE]
-    return fitted, truth | {"m": rig.mass}
 
 
 # ------------------------------------------------------------------------------------------------- the load
@@ -187,13 +132,24 @@ def test_three_loads_tell_the_whole_matrix_and_one_recording_does_not() -> None:
 
 @pytest.mark.long(25)
 def test_intervals_cover_gains_crosstalk_and_mass_of_twenty_sensors() -> None:
-    """Of 95 % intervals; the 37 of a set are correlated: p < 1e-4 were 120 of them independent."""
-    covered = []
+    """Of 95 % intervals; the 37 of a set are correlated: p < 1e-4 were 120 of them independent.
+
+    Of the elements of matrix and correction too, whose whole distances are chi-square, but for the noise that is
+    estimated.
+    """
+    covered, elements, distance = [], [], 0.0
     for seed in range(20):
         fitted, truth = weighed(seed)
         ends = fitted.params
         covered += [bool(ends.low[name] <= value <= ends.high[name]) for name, value in truth.items()]
         assert abs(fitted.values["gain.fx"] - truth["gain.fx"]) < 5 * fitted.parameters["gain.fx"].std
+        sensor, matrix = tw.sensor_matrix(fitted), wrong_matrix(seed)[0]
+        errors = {False: sensor.matrix - matrix, True: sensor.correction - np.linalg.inv(matrix)}
+        elements += [np.abs(error) < 1.96 * sensor.std(correction=of) for of, error in errors.items()]
+        covariance, error = sensor.covariance_of(correction=True)[:36, :36], errors[True].ravel()
+        distance += float(error @ np.linalg.solve(covariance, error))
+    assert binom.cdf(round(120 * float(np.mean(elements))), 120, 0.95) > 1e-4
+    assert chi2.ppf(1e-4, 720) < distance < 1.1 * chi2.ppf(1 - 1e-4, 720)
     share = float(np.mean(covered))
     assert binom.cdf(round(120 * share), 120, 0.95) > 1e-4
     assert share < 0.995

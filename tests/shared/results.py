@@ -6,11 +6,14 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any
 
+import numpy as np
+
 import truewrench as tw
 from diagnosis.comparison.model_comparison import BandError
 from estimation.fit import Fit
 from tests.shared.recordings import drag_and_leak
 from tests.shared.rigs import RIG
+from truewrench.files.makers_sheet import MakersSheet, SheetComparison
 
 WHITE = tw.NoiseModel.white([0.15, 0.25, 0.012])
 
@@ -45,6 +48,11 @@ def budgeted() -> Any:
     return tw.budget(fitted(), {"contribution": [PLACE]}, monte_carlo=50)
 
 
+@cache
+def of_sensor() -> Any:
+    return tw.sensor_matrix(tw.fit(tw.planar(RIG) + "viscous_drag" + "sensor_crosstalk", drag_and_leak(1)))
+
+
 RESULTS: dict[str, Callable[[], Any]] = {
     "fit": fitted,
     "intervals": cache(lambda: fitted().intervals()),
@@ -73,6 +81,10 @@ RESULTS: dict[str, Callable[[], Any]] = {
         lambda: tw.set_bounds(tw.fit(tw.planar(RIG), drag_and_leak(1)), {"fx": 9.0, "fy": 9.0, "tau": 9.0})
     ),
     "bootstrap": cache(lambda: tw.bootstrap(fitted())),
+    "sensor matrix": of_sensor,
+    "beside a sheet": lambda: SheetComparison(
+        of_sensor(), MakersSheet(np.eye(3), np.array([130.0, 130.0, 10.0]), np.ones(3))
+    ),
     "budget": budgeted,
     "budget of a contact": cache(
         lambda: budgeted().of_contact(tw.compensate(budgeted().calibration, drag_and_leak(501)))

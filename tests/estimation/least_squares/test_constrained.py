@@ -32,7 +32,7 @@ from estimation.parameter_layout import ParameterLayout
 from modeling import effects
 from modeling.chain.model import WrenchModel, planar, spatial
 from modeling.chain.pseudo_inertia import pseudo_inertia
-from modeling.codegen.payload_format import payload_format
+from modeling.codegen.code_target import payload_format
 from modeling.codegen.tool_inertia import ToolInertia
 from modeling.space import Space
 

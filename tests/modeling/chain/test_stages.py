@@ -36,8 +36,7 @@ from modeling.chain.stages import (
     SymbolicMap,
 )
 from modeling.codegen.code_target import CodeTarget, code_target, register_target, target_names
-from modeling.codegen.fitted_model import FittedModel
-from modeling.codegen.rigid_tool_regressor import RigidToolRegressor
+from modeling.codegen.fitted_model import FittedModel, RigidToolRegressor
 from modeling.dynamics.motion_record import MotionRecord, ResponsePart
 from modeling.dynamics.sample_program import SampleProgramBuilder, Symbols
 from modeling.effects import named

@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from modeling.chain.model import WrenchModel
 from modeling.chain.prediction import compiled_prediction
 from modeling.codegen.code_target import CodeTarget, code_target, target_names
-from modeling.codegen.rigid_tool_regressor import RigidToolRegressor
+from modeling.codegen.fitted_model import RigidToolRegressor
 from modeling.compiled.straight_line_program import OperationCount, StraightLineProgram
 from modeling.space import Space
 from tests.shared.emitted import Library, balanced, module, pointer
@@ -279,7 +279,7 @@ def test_the_balance_is_no_formality(broken: str) -> None:
 
 
 HASHED = """
-from modeling.codegen.rigid_tool_regressor import RigidToolRegressor
+from modeling.codegen.fitted_model import RigidToolRegressor
 from modeling.codegen.code_target import CodeTarget, code_target, target_names
 from truewrench.emitted import GeneratedCode
 from modeling.codegen.fitted_model import FittedModel

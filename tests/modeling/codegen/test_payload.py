@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 from benchmarks.exports import FITTED, READERS, as_urdf, bodies, outcome, table
 from estimation.least_squares.estimates import Estimate
 from modeling.chain.model import WrenchModel, planar, spatial
-from modeling.codegen.payload_format import FORMATS, payload_format
+from modeling.codegen.code_target import FORMATS, payload_format
 from modeling.codegen.tool_inertia import SMALLEST_MOMENT, THINNEST, ToolInertia
 from modeling.effects import named
 from modeling.errors import InputError

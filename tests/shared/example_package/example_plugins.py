@@ -6,8 +6,7 @@ import numpy as np
 
 from estimation.reading.log_reader import LogReader, LogTable, SourceFile
 from modeling.codegen.code_target import CodeTarget
-from modeling.codegen.fitted_model import FittedModel
-from modeling.codegen.rigid_tool_regressor import RigidToolRegressor
+from modeling.codegen.fitted_model import FittedModel, RigidToolRegressor
 from modeling.effects.loads import ViscousDrag
 
 
