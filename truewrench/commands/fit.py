@@ -258,7 +258,7 @@ def streamed_data(fit: StreamedFit, summary: FitSummary) -> dict[str, Any]:
         "tool_unknown": summary.unknown_tool or None,
         "converged": fit.converged,
         "condition": fit.condition if isfinite(fit.condition) else None,
-        "unseen": [*map(str, fit.unidentifiable)],
+        "unseen": [direction.whole for direction in fit.unidentifiable],
     }
 
 
