@@ -55,7 +55,6 @@ from estimation.multiplicity import bonferroni_p_value
 from estimation.recordings.recording import Recording, require_different_readings
 from modeling.chain.effect import Effect, effects_of
 from modeling.chain.model import WrenchModel, require_model
-from modeling.effects import catalogue
 from modeling.effects.geometry import GravityTilt
 from modeling.noise import NoiseSource
 from modeling.number_format import P_VALUE, SHARE, finite
@@ -515,9 +514,7 @@ def _diagnosed(
     """Fit, search, accept on held-out data, judge the recordings, judge the effects."""
     cache, model = ScreeningCache(), case.model
     given = {effect.id for effect in model.effects}
-    listed = (
-        catalogue(weighed=case.weighed) if effects is None else effects
-    )  # of which those of the plane, or of six axes, are tried
+    listed = case.candidates if effects is None else effects  # of which those of the plane, or of six axes, are tried
     candidates = [e for e in listed if e.id not in given and model.space in e.spaces]
     candidates = [] if case.misread else candidates  # what would be found explains the mistake
     progress("fit the rigid tool" + "".join(f", {effect.id}" for effect in model.effects))
