@@ -112,6 +112,18 @@ def test_a_gain_that_follows_the_temperature_comes_apart_over_days_and_loads() -
     assert misses(both, {f"gain.{channel}": 1.0 for channel in CHANNELS}) < 4.5
 
 
+def test_a_contact_is_compensated_with_the_gain_of_its_temperature() -> None:
+    """30 N for a third of a warm recording, in which the sensor reads 0.9 % too much."""
+    fit = tw.fit(base(Space.SPACE) + "thermal_gain", recorded(seed=2, days=True, warm_gain=True), loads=LOADS)
+    warm = recorded(seed=8, days=True, warm_gain=True)["side"].carrying(LOADS["side"])
+    pushed, rows = warm.wrench.copy(), slice(120, 240)
+    pushed[rows, 2] -= 30.0 * (1 + PER_KELVIN["fz"] * (warm.columns["temperature"].mean() - 20.0))
+    contact = tw.compensate(fit, warm.with_readings(pushed), keep_zero=False)
+    force = contact.wrench[rows, 2]
+    assert force.mean() == pytest.approx(30.0, abs=0.06)  # noise 0.01, of the slope 0.02
+    assert force.mean() - 30.0 < 4 * float(np.sqrt(contact.covariance[rows, 2, 2].mean()))
+
+
 def test_a_gain_that_is_the_same_on_all_days_is_no_thermal_one() -> None:
     several = recorded(seed=6, days=True, matrix=1.03 * np.eye(6))
     assert diagnosed(several, ("gain", "thermal_gain", "sensor_crosstalk", "thermal_drift")).added == ("gain",)
