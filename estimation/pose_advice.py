@@ -17,6 +17,7 @@ from estimation.recordings.motion import QUATERNION, MotionForm, numbered_names
 from estimation.recordings.recording import Recording
 from modeling.chain.prediction import compiled_prediction
 from modeling.chain.sensor_axes import is_turned
+from modeling.effects.sensor import ChannelGain
 from modeling.errors import InputError
 from modeling.identifiability import ScaledSVD
 from modeling.kinematics.arm import Arm, PlanarArm
@@ -123,7 +124,9 @@ class PoseAdvice(Tabular):
     def sentences(self) -> list[str]:
         """The advice as sentences."""
         never = ", ".join(name for name in self.never if not name.startswith("bias_"))  # of a channel that is left out
-        advice = [f"Not identifiable from static poses, only from motion: {never}."] if never else []
+        scaled = any(isinstance(effect, ChannelGain) for effect in self.fit.model.effects)
+        how = "only from motion or with known loads" if scaled else "only from motion"
+        advice = [f"Not identifiable from static poses, {how}: {never}."] if never else []
         count = len(self.chosen)
         if self.complete:
             advice.append("All that static poses can identify is identifiable from the recorded poses.")

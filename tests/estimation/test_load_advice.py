@@ -126,6 +126,22 @@ def test_a_load_of_no_information_leaves_all_as_it_is() -> None:
     assert "None of these loads tells more" in str(advice)
 
 
+def test_poses_at_rest_are_repeated_with_a_load() -> None:
+    """Inertia shows in none; a fit of the same number of poses with the load identifies what is said to be missing."""
+    assert isinstance(RIG, SpatialRig)
+    several = [
+        replace(recording_of(hidden.static_poses(rig, 12, seed=seed), without=("temperature",)), name=str(seed))
+        for seed, rig in enumerate((RIG, carrying(RIG, 1.0, SIDE.at)))
+    ]
+    fit = tw.fit(base(Space.SPACE) + "gain", several[0])
+    advice = LoadAdvice.of(fit, [SIDE, TWO])
+    assert advice.never == ("Ixx", "Ixy", "Ixz", "Iyy", "Iyz", "Izz")
+    assert advice.missing == ("m", "mx", "my", "mz", *(f"gain.{channel}" for channel in RIG.channels))
+    real = tw.fit(fit.model, several, loads={"1": SIDE})
+    assert [name for name in fit.parameters if np.isinf(real.parameters[name].std)] == [*advice.never]
+    assert "only from motion or with known loads: m, " in tw.PoseAdvice.of(fit).sentences()[0]
+
+
 def test_without_a_gain_in_the_model_a_load_tells_no_more_than_the_motion_again() -> None:
     advice = LoadAdvice.of(fitted({}), [TWO, SIDE])
     again, side = (next(m for m in advice.offered if m.load == load) for load in (None, SIDE))
