@@ -24,9 +24,7 @@ from estimation.noise.recording_noise import MotionNoise, RecordingNoise, sample
 from estimation.parameter_layout import main_tool
 from estimation.recordings.recording import Recording, require_channels
 from estimation.recordings.sign_convention import SignDecision, with_convention
-from modeling.chain.effect import Effect
 from modeling.chain.model import WrenchModel
-from modeling.effects import catalogue
 from modeling.effects.geometry import GravityTilt
 from modeling.effects.loads import BaseForce, CableSpring
 from modeling.errors import InputError
@@ -259,11 +257,6 @@ class Case:
             return False
         means = [float(np.mean(series)) for series in logged[: len(self.recordings)] if series is not None]
         return max(means, default=0.0) - min(means, default=0.0) > WARMER
-
-    @property
-    def candidates(self) -> tuple[Effect, ...]:
-        """What may be missing in the model: the catalogue, with what these recordings together tell."""
-        return catalogue(self.model.space, weighed=self.weighed, warmed=self.warmed)
 
     @property
     def is_of_tool(self) -> bool:

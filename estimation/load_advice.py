@@ -16,8 +16,7 @@ from estimation.model_response import predicted_readings
 from estimation.parameter_layout import ParameterLayout, parameter_layout
 from estimation.pose_advice import PRIOR_INFORMATION_SHARE, stacked_svd
 from estimation.recordings.recording import Recording
-from modeling.effects import WEIGHED
-from modeling.errors import InputError, quoted
+from modeling.errors import InputError, kind_of, quoted
 from modeling.identifiability import ScaledSVD
 from modeling.number_format import NOT_IDENTIFIABLE
 from modeling.rigid_body import LOAD_REMEDY, Load, inertial_parameters
@@ -92,6 +91,10 @@ class LoadAdvice(Tabular):
         determinant of the covariance's inverse.
         Raises InputError for no load, one of unknown mass, and where all exceed the range that the rig states.
         """
+        given: object = fit
+        if not isinstance(given, Fit):
+            what = f"{kind_of(fit)} has no recorded motions to carry a load in"
+            raise InputError(what=what, where="next load", remedy="give a fit of whole recordings")
         bodies = _offered_loads(loads, fit)
         recordings = [
             (load, number, _expected(fit, number, load))
@@ -100,11 +103,12 @@ class LoadAdvice(Tabular):
         ]
         information = _Information.of(fit, [recording for _, _, recording in recordings])
         blocks = [information.of_next(number, recording) for _, number, recording in recordings]
-        resolved = information.resolved_by(blocks)
+        excess = [_overloaded(recording) for _, _, recording in recordings]
+        resolved = information.resolved_by([b for b, channel in zip(blocks, excess, strict=True) if not channel])
         now = resolved.amount([])
         offered = tuple(
-            LoadedMotion(load, number, resolved.open([block]), resolved.amount([block]) - now, _overloaded(recording))
-            for (load, number, recording), block in zip(recordings, blocks, strict=True)
+            LoadedMotion(load, number, resolved.open([block]), resolved.amount([block]) - now, channel)
+            for (load, number, _), block, channel in zip(recordings, blocks, excess, strict=True)
         )
         able = [i for i, motion in enumerate(offered) if motion.load is not None and not motion.overloaded]
         if not able:
@@ -148,7 +152,7 @@ class LoadAdvice(Tabular):
             advice = ["None of these loads tells more than the same motion once more would."]
         if self.never:
             advice.append(f"Not identifiable with any of these loads: {', '.join(self.never)}.")
-        if not any(effect.id in {kind.id for kind in WEIGHED} for effect in self.fit.model.effects):
+        if not any(effect.scales_mass for effect in self.fit.model.effects):
             advice.append(
                 "The model takes the scale of the sensor as known: with gain (and sensor_crosstalk) added to it, loads"
                 " tell the scale."
@@ -324,7 +328,9 @@ class _Information:
             problem = Problem.of(fit.model, (*fit.recordings, *recordings), (*fit.noise, *noise))
             zeros = [fit.theta[fit.layout.index[number][: len(fit.model.biases)]] for _, number, _ in chosen]
             theta = np.concatenate([fit.theta, *zeros])
-            whole = ScaledSVD.of(problem.information(theta).root, faint=NEGLIGIBLE_COLUMN_LENGTH)
+            root = problem.information(theta).root.copy()
+            root[:, :size][:, self.known] = 0.0
+            whole = ScaledSVD.of(root, faint=NEGLIGIBLE_COLUMN_LENGTH)
             augmented = Fit(problem, theta, whole.covariance, whole.identifiable)
             reported = as_reported(augmented, stated=fit.constrained is not None)
             std = np.sqrt(np.diag(reported.covariance)[:size])

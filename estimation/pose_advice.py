@@ -17,7 +17,6 @@ from estimation.recordings.motion import QUATERNION, MotionForm, numbered_names
 from estimation.recordings.recording import Recording
 from modeling.chain.prediction import compiled_prediction
 from modeling.chain.sensor_axes import is_turned
-from modeling.effects.sensor import ChannelGain
 from modeling.errors import InputError
 from modeling.identifiability import ScaledSVD
 from modeling.kinematics.arm import Arm, PlanarArm
@@ -124,7 +123,7 @@ class PoseAdvice(Tabular):
     def sentences(self) -> list[str]:
         """The advice as sentences."""
         never = ", ".join(name for name in self.never if not name.startswith("bias_"))  # of a channel that is left out
-        scaled = any(isinstance(effect, ChannelGain) for effect in self.fit.model.effects)
+        scaled = any(effect.scales_mass for effect in self.fit.model.effects)
         how = "only from motion or with known loads" if scaled else "only from motion"
         advice = [f"Not identifiable from static poses, {how}: {never}."] if never else []
         count = len(self.chosen)

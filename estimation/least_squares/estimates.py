@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from estimation.least_squares.levenberg_marquardt import NEGLIGIBLE_COLUMN_LENGTH
 from estimation.least_squares.square_root_information import SquareRootInformation
-from modeling.effects import WEIGHED
 from modeling.errors import InputError, quoted, suggestion
 from modeling.identifiability import (
     MOST_LISTED,
@@ -185,6 +184,12 @@ class Estimates(NamedEstimates, Tabular):
     onset_resolution: float = 0.0
     """Of onsets, s: the sampling step, where it is one."""
 
+    if TYPE_CHECKING:
+
+        @property
+        def model(self) -> WrenchModel:
+            """The model, a field of some and a property of others."""
+
     @cached_property
     @abstractmethod
     def information(self) -> SquareRootInformation:
@@ -260,17 +265,13 @@ class Estimates(NamedEstimates, Tabular):
         alone = [d.names[0] for d in self.unidentifiable if len(d.names) == 1]
         if len(alone) > 1:
             remarks.append(f"{', '.join(alone[:-1])} and {alone[-1]} are not identifiable from this motion")
-        remarks += [ONE_NUMBER] if any(map(_scales_tool, self.unidentifiable)) else []
+        scaling = {effect.id for effect in self.model.effects if effect.scales_mass}
+        if any("m" in d.names and scaling & {n.partition(".")[0] for n in d.names} for d in self.unidentifiable):
+            remarks.append(ONE_NUMBER)
         several = [d for d in self.unidentifiable if len(d.names) > MOST_LISTED]
         remarks += [str(d) for d in self.unidentifiable if d not in several and (len(d.names) > 1 or len(alone) == 1)]
         remarks += [open_combinations(several)] if several else []
         return remarks if self.converged else [*remarks, NOT_CONVERGED]
-
-
-def _scales_tool(direction: UnidentifiableDirection) -> bool:
-    """Whether a change of the gain of all channels and of the mass leaves the prediction unchanged."""
-    gains = {effect.id for effect in WEIGHED}
-    return "m" in direction.names and any(name.partition(".")[0] in gains for name in direction.names)
 
 
 def parameter_table(estimates: Mapping[str, Estimate], held: Collection[str] = ()) -> Table:

@@ -215,6 +215,7 @@ class ChannelGain(SensorGain):
     id = "gain"
     title = "gain of every channel"
     equation = "reading_i = gain_i wrench_i"
+    scales_mass = True
     advice = "weigh the loads and measure where they hang; hang another known weight along each axis"
     confused_with = "masses or places of the known loads that are not as stated"
 

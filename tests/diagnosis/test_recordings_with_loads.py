@@ -21,6 +21,7 @@ from modeling.space import Space
 from tests.shared.recordings import base, recording_of
 from tests.shared.rigs import SIMULATED, carrying
 from truewrench import simulated_rig as hidden
+from truewrench.commands.effect_choice import candidate_effects
 from truewrench.simulated_rig.rigs import SpatialRig
 
 pytest.importorskip("mujoco")
@@ -134,7 +135,8 @@ def test_what_is_told_is_a_candidate() -> None:
 
     def candidates(several: dict[str, Recording], loads: bool) -> set[str]:
         carrying = [r.carrying(LOADS[name]) if loads and name in LOADS else r for name, r in several.items()]
-        return {effect.id for effect in Case(base(Space.SPACE), tuple(carrying)).candidates}
+        case = Case(base(Space.SPACE), tuple(carrying))
+        return {effect.id for effect in candidate_effects(case, [], [])}
 
     days, day = recorded(seed=1, days=True), recorded(seed=1)
     new = {"gain", "thermal_gain"}

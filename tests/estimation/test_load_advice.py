@@ -50,7 +50,7 @@ def recorded(load: Load | None, motion: int, seed: int) -> Recording:
     return recording_of(frame, without=("temperature",), rig=STATED)
 
 
-def fitted(loads: Mapping[str, Load], *effects: str) -> Fit:
+def fitted(loads: Mapping[str, Load], *effects: str, fixed: Mapping[str, float] | None = None) -> Fit:
     """The empty tool, and the same motion with each of the loads, in the noise that the first fit has estimated."""
     several = {"empty": recorded(None, 1, 1)}
     several |= {name: recorded(load, 1, 2 + place) for place, (name, load) in enumerate(loads.items())}
@@ -58,7 +58,8 @@ def fitted(loads: Mapping[str, Load], *effects: str) -> Fit:
     for effect in effects:
         model = model + effect
     noise = tw.fit(model, several["empty"]).noise
-    return tw.fit(model, several, loads=loads, noise=noise * len(several))
+    bounds = None if fixed is None else tw.Constraints(bounds=fixed)
+    return tw.fit(model, several, loads=loads, noise=noise * len(several), constraints=bounds)
 
 
 def std_with_loads(fit: Fit) -> dict[str, float]:
@@ -92,6 +93,16 @@ def test_expected_std_are_those_of_the_fit_with_that_recording(
         for name, std in advice.after.items():
             assert std == pytest.approx(real[name], rel=error), name
         assert bool(advice.missing) == (not before)
+
+
+def test_a_parameter_that_is_fixed_stays_known() -> None:
+    weight = {"m": RIG.mass}
+    advice = LoadAdvice.of(fitted({}, "gain", fixed=weight), SIDE)
+    real = fitted({"next": SIDE}, "gain", fixed=weight)
+    for name, std in advice.after.items():
+        assert std == pytest.approx(real.parameters[name].std, rel=0.06), name
+    assert advice.before["m"] == advice.after["m"] == 0.0
+    assert not advice.missing
 
 
 @pytest.mark.parametrize("before", [{}, {"first": SIDE}], ids=["empty", "one load"])
