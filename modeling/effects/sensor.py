@@ -104,6 +104,8 @@ SATURATION_FRACTIONS = (0.99, 0.96, 0.92, 0.85, 0.7)
 
 GAIN_BOUNDS = (0.2, 5.0)
 """Of a gain: what is beyond is another unit."""
+THERMAL_BOUNDS = (-0.002, 0.002)
+"""1/K, of a gain: twice the largest that sheets of force/torque sensors state, 0.1 %; more is another mass."""
 CROSSTALK_BOUNDS = {"1": (-0.5, 0.5), "m": (-0.2, 0.2), "1/m": (-5.0, 5.0)}
 """Bounds of a crosstalk gain by its unit: at most half of a channel, or a force-to-torque lever of 0.2 m."""
 
@@ -260,7 +262,7 @@ class ThermalGain(ChannelGain):
     title = "gain depends on the temperature"
     equation = "reading_i = (1 + b_i (temperature - 20 °C)) wrench_i"
     advice = "look up the sensor's temperature coefficient; log the temperature, and record cold and warm"
-    confused_with = "gain, at one temperature; thermal_drift, in poses with nearly the same load"
+    confused_with = "a load that is not stated, on a warm day; thermal_drift, in poses with nearly the same load"
     shows = "The residual of a channel has the shape of its load: of one sign when warm, of the other when cold."
     provoked_by = "The same motion cold and warm, with the largest load that the sensor carries."
     letter = "b"
@@ -273,7 +275,12 @@ class ThermalGain(ChannelGain):
     def parameters(self, space: Space) -> tuple[Parameter, ...]:
         """A coefficient for each channel, 1/K."""
         return tuple(
-            Parameter(name=channel, unit="1/K", meaning=f"change of the gain of channel {channel} for each kelvin")
+            Parameter(
+                name=channel,
+                unit="1/K",
+                meaning=f"change of the gain of channel {channel} for each kelvin",
+                bounds=THERMAL_BOUNDS,
+            )
             for channel in space.channels
         )
 

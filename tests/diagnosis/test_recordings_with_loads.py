@@ -130,6 +130,14 @@ def test_a_gain_that_is_the_same_on_all_days_is_no_thermal_one() -> None:
     assert diagnosed(several, ("gain", "thermal_gain", "sensor_crosstalk", "thermal_drift")).added == ("gain",)
 
 
+@pytest.mark.parametrize("name", [*LOADS])
+def test_a_load_that_nobody_stated_is_no_gain_of_a_warm_sensor(name: str) -> None:
+    several = {each: recording for each, recording in recorded(seed=5, days=True).items() if each in ("empty", name)}
+    found = tw.diagnose(base(Space.SPACE), several, effects=["thermal_gain", "thermal_drift", "sensor_lag"])
+    assert found.added == ()
+    assert found.verdict.value == "unexplained"
+
+
 def test_what_is_told_is_a_candidate() -> None:
     """On one day no thermal gain, without known loads no gain; both can be given."""
 
