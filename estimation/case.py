@@ -40,8 +40,8 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 WARMER = 5.0
-"""K, between recordings, from which on the gain may depend on the temperature: by the 0.01 to 0.1 % for each kelvin that
-sheets of sensors state, less changes no load by more than half a percent."""
+"""K, between recordings, from which on the gain may depend on the temperature: by the 0.01 to 0.1 % for each kelvin
+that sheets of sensors state, less changes no load by more than half a percent."""
 BASE_FIT_ROUNDING = 1e-6
 """Relative size of singular values that the first fit of the rigid tool takes for zero: its columns differ much in
 size, and a poorly excited parameter must not make the residual larger, from which the noise is estimated."""
