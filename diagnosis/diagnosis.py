@@ -515,10 +515,8 @@ def _diagnosed(
     """Fit, search, accept on held-out data, judge the recordings, judge the effects."""
     cache, model = ScreeningCache(), case.model
     given = {effect.id for effect in model.effects}
-    listed = (
-        catalogue(weighed=case.weighed) if effects is None else effects
-    )  # of which those of the plane, or of six axes, are tried
-    candidates = [e for e in listed if e.id not in given and model.space in e.spaces]
+    told = catalogue(model.space, weighed=case.weighed, warmed=case.warmed)
+    candidates = [e for e in (told if effects is None else effects) if e.id not in given and model.space in e.spaces]
     candidates = [] if case.misread else candidates  # what would be found explains the mistake
     progress("fit the rigid tool" + "".join(f", {effect.id}" for effect in model.effects))
     base = in_noise_beside_pose(unchecked_fit(case, start=model_initial_values(case) if model.effects else {}))

@@ -473,7 +473,7 @@ def study_case(case: Case, *, effects: Sequence[Effect] | None = None, progress:
     """`study` of a case."""
     fitted = fit_case(case, start=model_initial_values(case) if case.model.effects else None)
     held_out = [HeldOut(r, n) for r, n in zip(case.held_out, case.held_out_noise, strict=True)]
-    listed = catalogue(weighed=case.weighed) if effects is None else effects
+    listed = catalogue(weighed=case.weighed, warmed=case.warmed) if effects is None else effects
     candidates = [effect for effect in listed if fitted.model.space in effect.spaces]
     return Study(fitted, held_out, candidates, progress, case.readings, case.tilt_fitted)
 

@@ -39,6 +39,9 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
+WARMER = 5.0
+"""K, between recordings, from which on the gain may depend on the temperature: by the 0.01 to 0.1 % for each kelvin
+that sheets of sensors state, less changes no load by more than half a percent."""
 BASE_FIT_ROUNDING = 1e-6
 """Relative size of singular values that the first fit of the rigid tool takes for zero: its columns differ much in
 size, and a poorly excited parameter must not make the residual larger, from which the noise is estimated."""
@@ -245,6 +248,15 @@ class Case:
         for recording in self.recordings:
             carried.setdefault(recording.tool, set()).add(tuple(load for load in recording.loads if load.known))
         return any(len(loads) > 1 for loads in carried.values())
+
+    @property
+    def warmed(self) -> bool:
+        """Whether the recordings' mean temperatures differ by `WARMER`, which tells how the gain depends on them."""
+        logged = [recording.columns.get("temperature") for recording in (*self.recordings, *self.held_out)]
+        if any(series is None for series in logged):
+            return False
+        means = [float(np.mean(series)) for series in logged[: len(self.recordings)] if series is not None]
+        return max(means, default=0.0) - min(means, default=0.0) > WARMER
 
     @property
     def is_of_tool(self) -> bool:

@@ -25,6 +25,9 @@ UNIDENTIFIABLE_SHARE = 1e-3
 """Component in the null space, of columns of unit norm, from which on a parameter is unidentifiable."""
 MIN_NAMED_SHARE = 0.3
 """Share of the largest component below which a component of the least certain direction is not printed."""
+MOST_LISTED = 6
+"""Parameters of an unidentifiable direction that text names with their amounts: of more, such as a whole calibration
+matrix and its tool, a reader needs how many and whose."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,8 +122,34 @@ class UnidentifiableDirection(ParameterDirection):
     def __str__(self) -> str:
         if len(self.parameters) == 1:
             return f"{self.names[0]} is not identifiable from {self.motion}"
+        return open_combinations([self]) if len(self.parameters) > MOST_LISTED else self.whole
+
+    @property
+    def whole(self) -> str:
+        """The same with all its parameters, however many."""
+        if len(self.parameters) == 1:
+            return str(self)
         collinear = f"{_listed(self.names)} are collinear on {self.motion}"
         return f"{collinear}: {super().__str__()} leaves the prediction unchanged"
+
+
+def open_combinations(directions: Sequence[UnidentifiableDirection]) -> str:
+    """One sentence on directions of many parameters: how many, and of how many parameters of what."""
+    owners: dict[str, list[str]] = {}
+    for name in dict.fromkeys(name for direction in directions for name in direction.names):
+        label, at, place = name.partition("@")
+        effect, dot, _ = label.partition(".")
+        tool = f"the tool {place}" if at else "the tool"
+        owner = effect if dot else f"the zero{' of ' + place if at else ''}" if label.startswith("bias_") else tool
+        owners.setdefault(owner, []).append(name)
+    whose = [
+        f"{', '.join(names)} of {owner}" if len(names) <= 2 else f"{names[0]} to {names[-1]} ({len(names)} of {owner})"
+        for owner, names in owners.items()
+    ]
+    count = "1 combination" if len(directions) == 1 else f"{len(directions)} combinations"
+    of = f"{sum(map(len, owners.values()))} parameters"
+    be = "is" if len(directions) == 1 else "are"
+    return f"{count} of {of} {be} not identifiable from {directions[0].motion}: {_listed(whose)}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -37,6 +37,7 @@ _NAMES: dict[str, tuple[str, ...]] = {
     "estimation.least_squares.constraints": ("Constraints",),
     "estimation.least_squares.prior": ("Prior",),
     "estimation.monitor": ("Monitor",),
+    "estimation.load_advice": ("LoadAdvice",),
     "estimation.pose_advice": ("PoseAdvice",),
     "estimation.reading.log_reading": ("from_arrays", "from_dataframe", "read"),
     "estimation.recordings.recording": ("Recording",),
@@ -109,6 +110,7 @@ if TYPE_CHECKING:
     from estimation.least_squares.bounds import Bounds as Bounds
     from estimation.least_squares.constraints import Constraints as Constraints
     from estimation.least_squares.prior import Prior as Prior
+    from estimation.load_advice import LoadAdvice as LoadAdvice
     from estimation.monitor import Monitor as Monitor
     from estimation.pose_advice import PoseAdvice as PoseAdvice
     from estimation.reading.log_reading import from_arrays as from_arrays

@@ -23,6 +23,7 @@ from truewrench.options import (
     add_repeatable,
     add_report,
     add_workers,
+    body_of,
     duration,
     finite,
     named_size,
@@ -190,6 +191,8 @@ def fit(commands: Subcommands[Any]) -> argparse.ArgumentParser:
     add_repeatable(command, "--error-bound", metavar="CHANNEL=SIZE", text=text, value=named_size)
     text = "TOML file of what the model takes as known, each with its std: a budget of the uncertainty"
     command.add_argument("--budget", type=Path, metavar="FILE", help=text)
+    text = "a load that one has, MASS@X,Y,Z as in --load: says which of them to hang next, in which of the motions"
+    add_repeatable(command, "--next-load", metavar="LOAD", text=text, value=body_of)
     text = "check the budget by N refits of readings with contributions and noise drawn at random, such as 200"
     command.add_argument("--monte-carlo", type=count, metavar="N", help=text)
     text = "read one log in chunks, as is done with long ones; derivatives are columns of the log"

@@ -43,10 +43,15 @@ def add_loads(command: argparse.ArgumentParser) -> None:
 def load_of(text: str) -> tuple[str, Load]:
     """A recording and a load, as `two_kg.csv=2.0@0,0,0.05`; argparse reports its error in one line."""
     name, _, load = text.rpartition("=")
+    if not Path(name).parts:
+        raise argparse.ArgumentTypeError(f"{quoted(text)} names no recording; write REC=LOAD")
+    return name, body_of(load)
+
+
+def body_of(text: str) -> Load:
+    """A load, as `2.0@0,0,0.05`; argparse reports its error in one line."""
     try:
-        if not Path(name).parts:
-            raise InputError(what=f"{quoted(text)} names no recording", where="load", remedy="write REC=LOAD")
-        return name, Load.of(load)
+        return Load.of(text)
     except InputError as error:
         raise argparse.ArgumentTypeError(f"{error.what}; {error.remedy}") from None
 

@@ -29,6 +29,7 @@ from estimation.noise.tones import NonperiodicResidual
 from estimation.noise.whitening import FourierLineWhitener
 from estimation.parameter_layout import parameter_layout
 from estimation.recordings.recording import Recording
+from modeling.chain.chain import Stage
 from modeling.chain.effect import Effect, GridSuperposition, NuisanceValues, SearchDomain
 from modeling.chain.model import WrenchModel
 from modeling.chain.prediction import compiled_prediction
@@ -136,12 +137,13 @@ def affected_rows(fit: Fit, model: WrenchModel, point: GridPoint | None = None, 
     Given a `point` of its grid without finite differences, only the signals of the sensitivities there count.
 
     Effects that do not repeat with the motion are tested on the non-excited lines only: on excited lines a contact or
-    a drift, whose spectrum is broad, would absorb any systematic error of the model.
+    a drift, whose spectrum is broad, would absorb any systematic error of the model. A gain that follows a temperature
+    scales what repeats, and differs between recordings: it is there, or nowhere.
     """
     effect = model.effects[-1]
     alone = compiled_prediction(model.base + effect)
     inputs = {*alone.load.inputs, *alone.bias.inputs}
-    lasting = all(signals_are_periodic(inputs, recording.motion) for recording in fit.recordings)
+    lasting = effect.stage is Stage.GAIN or all(signals_are_periodic(inputs, r.motion) for r in fit.recordings)
     unknowns = parameter_layout(model, fit.recordings)
     choice = []
     for its_model, recording, noise in zip(unknowns.models, fit.recordings, fit.noise, strict=True):

@@ -358,7 +358,8 @@ class ContactWrench(Tabular):
     @property
     def inverse_gain(self) -> Array:
         """From reading to contact wrench, (p, p), or (n, p, p) in base axes."""
-        inverse = np.linalg.inv(contact_gain_at(self.calibration.model, self.calibration.theta)[0])
+        calibration, temperature = self.calibration, _mean_temperature(self.recording)
+        inverse = np.linalg.inv(contact_gain_at(calibration.model, calibration.theta, temperature)[0])
         return np.asarray(inverse if self.turn is None else self.turn @ inverse)
 
     @property
@@ -643,7 +644,8 @@ def compensate(
     this recording (22.13 in chapter 22, "Characterization of the Dynamical Model of a Force Sensor for Robot
     Manipulators", Bassi et al.). The zero is the mean residual where the tool is free (`detect_contacts`), or the
     calibration's with `keep_zero`; the parameters' covariance propagates about that zero, since an error in the weight
-    moves the zero too. The sensor's dynamics are not inverted, which would amplify the noise (`group_delay`).
+    moves the zero too. The sensor's dynamics are not inverted, which would amplify the noise (`group_delay`). A gain
+    that follows the temperature is that of the recording's mean.
 
     Examples
     --------
@@ -664,7 +666,7 @@ def compensate(
 
     recording = prepared(sampled(recording, calibration.model), calibration.model)
     response = model_response(calibration.model, recording, calibration.theta)
-    gain, slopes = contact_gain_at(calibration.model, calibration.theta)
+    gain, slopes = contact_gain_at(calibration.model, calibration.theta, _mean_temperature(recording))
     biases = np.arange(len(calibration.model.biases))
     residual = recording.wrench - response.value
     detection = detect_contacts(
@@ -699,6 +701,12 @@ def compensate(
     if lag is not None:
         contact = _smoothed(contact, lag)
     return contact if wanted is own_axes else _along(contact, wanted, tangent)
+
+
+def _mean_temperature(recording: Recording) -> float | None:
+    """°C; None where it is not logged."""
+    logged = recording.columns.get("temperature")
+    return None if logged is None else float(logged.mean())
 
 
 def _smoothed(contact: ContactWrench, lag: float) -> ContactWrench:

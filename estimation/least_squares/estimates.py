@@ -15,10 +15,12 @@ from estimation.least_squares.levenberg_marquardt import NEGLIGIBLE_COLUMN_LENGT
 from estimation.least_squares.square_root_information import SquareRootInformation
 from modeling.errors import InputError, quoted, suggestion
 from modeling.identifiability import (
+    MOST_LISTED,
     LeastCertainDirection,
     ScaledSVD,
     UnidentifiableDirection,
     least_certain_direction,
+    open_combinations,
     unidentifiable_directions,
 )
 from modeling.number_format import NOT_IDENTIFIABLE, digits_of
@@ -69,6 +71,11 @@ FIXED, HELD = "fixed", "held at its bound"
 """Printed for the std of a parameter that is not free, and of one that a bound holds."""
 NOT_CONVERGED = "not converged: the estimates are not final"
 """Said wherever estimates of an iteration that ended before a minimum are shown."""
+ONE_NUMBER = (
+    "the scale of the sensor and the mass of its tool are one number in these recordings: record a motion again with"
+    " known loads and state them (--load REC=MASS@X,Y,Z; loads= in Python)"
+)
+"""Said where a model has the gain of every channel and nothing weighed tells it from the tool."""
 ILL_CONDITIONED = 1e3
 """Condition number above which a table remarks on it: one direction is a thousand times less certain than another."""
 
@@ -177,6 +184,12 @@ class Estimates(NamedEstimates, Tabular):
     onset_resolution: float = 0.0
     """Of onsets, s: the sampling step, where it is one."""
 
+    if TYPE_CHECKING:
+
+        @property
+        def model(self) -> WrenchModel:
+            """The model, a field of some and a property of others."""
+
     @cached_property
     @abstractmethod
     def information(self) -> SquareRootInformation:
@@ -252,7 +265,12 @@ class Estimates(NamedEstimates, Tabular):
         alone = [d.names[0] for d in self.unidentifiable if len(d.names) == 1]
         if len(alone) > 1:
             remarks.append(f"{', '.join(alone[:-1])} and {alone[-1]} are not identifiable from this motion")
-        remarks += [str(d) for d in self.unidentifiable if len(d.names) > 1 or len(alone) == 1]
+        scaling = {effect.id for effect in self.model.effects if effect.scales_mass}
+        if any("m" in d.names and scaling & {n.partition(".")[0] for n in d.names} for d in self.unidentifiable):
+            remarks.append(ONE_NUMBER)
+        several = [d for d in self.unidentifiable if len(d.names) > MOST_LISTED]
+        remarks += [str(d) for d in self.unidentifiable if d not in several and (len(d.names) > 1 or len(alone) == 1)]
+        remarks += [open_combinations(several)] if several else []
         return remarks if self.converged else [*remarks, NOT_CONVERGED]
 
 

@@ -96,6 +96,7 @@ class Effect(ABC):
     needs_repeats  aliased with slow physics in a single run of a motion
     needs_joints   acts on joints or links, and so changes the motion
     reads_motion   after the load, it depends on the motion
+    scales_mass    it scales the readings as the mass does, which recordings of one weight do not tell apart
     """
 
     id: ClassVar[str]
@@ -115,6 +116,7 @@ class Effect(ABC):
     needs_repeats: ClassVar[bool] = False
     needs_joints: ClassVar[bool] = False
     reads_motion: ClassVar[bool] = False
+    scales_mass: ClassVar[bool] = False
 
     @property
     def designable(self) -> bool:

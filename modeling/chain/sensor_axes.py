@@ -182,13 +182,14 @@ def turn_words(sensor_to_pose: Array) -> str:
 
 
 @lru_cache(maxsize=64)
-def contact_gain(model: WrenchModel) -> sp.Matrix:
+def contact_gain(model: WrenchModel, *, warm: bool = False) -> sp.Matrix:
     """Symbolic derivative (p, p) of the reading, before transfer function and bias, in the contact components.
 
     The sensor exerts the tool's inertial wrench minus the environment's (22.1, Bassi et al.): reading = G (wrench -
     contact), so that the matrix is -G, in terms of the parameters of mounting and gain. For 22.8 it is diag(-1, 1, -1).
     The contact is along the sensor's axes, whatever they are turned against; in the plane along x' and y' of the tip.
-    A gain that depends on the load is linearised at zero load. Raises InputError when it depends on a signal.
+    A gain that depends on the load is linearised at zero load. Raises InputError when it depends on a signal, but for
+    the temperature where it is known (`warm`).
     """
     chain = model.chain
     if model.space is Space.SPACE:
@@ -196,7 +197,7 @@ def contact_gain(model: WrenchModel) -> sp.Matrix:
     symbols = [sp.Symbol(name, real=True) for name in contact_components(model.space)]
     force, torque = contact_force_torque(model.space, symbols)
     gain = sp.Matrix(chain.reading(-force, -torque).jacobian(symbols)).xreplace(dict.fromkeys(symbols, sp.S.Zero))
-    if changing := model.inputs_of(gain):
+    if changing := [name for name in model.inputs_of(gain) if not (warm and name == "temperature")]:
         raise InputError(
             what=f"the gain from contact wrench to reading depends on '{changing[0]}', and a constant one is needed",
             where="contact",
@@ -205,9 +206,14 @@ def contact_gain(model: WrenchModel) -> sp.Matrix:
     return gain
 
 
-def contact_gain_at(model: WrenchModel, theta: Array) -> tuple[Array, Array]:
-    """The contact gain (p, p) at the parameters theta (k,), and its derivative (p, p, k) in each of them."""
-    gain = contact_gain(model)
+def contact_gain_at(model: WrenchModel, theta: Array, temperature: float | None = None) -> tuple[Array, Array]:
+    """The contact gain (p, p) at the parameters theta (k,), and its derivative (p, p, k) in each of them.
+
+    At a temperature, °C, where a gain that depends on it is to be taken there.
+    """
+    gain = contact_gain(model, warm=temperature is not None)
+    if temperature is not None:
+        gain = gain.xreplace({sp.Symbol("temperature", real=True): sp.Float(temperature)})
     symbols = [p.symbol for p in model.parameters]
     used = [i for i, symbol in enumerate(symbols) if symbol in gain.free_symbols]
     expressions = [*gain, *(entry for i in used for entry in gain.diff(symbols[i]))]

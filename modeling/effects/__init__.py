@@ -45,11 +45,11 @@ CATALOGUE: tuple[type[Effect], ...] = tuple(
 )
 """Every class above under its id, in that order."""
 STATED: tuple[type[Effect], ...] = (
-    geometry.GravityMagnitude, sensor.ChannelGain, sensor.CommonGain, disturbances.ZeroDrift,
+    geometry.GravityMagnitude, sensor.ChannelGain, sensor.CommonGain, sensor.ThermalGain, disturbances.ZeroDrift,
 )  # fmt: skip
 """Effects that a budget of uncertainty states and no recording of one weight tells from the tool."""
-WEIGHED: tuple[type[Effect], ...] = (sensor.ChannelGain, sensor.CommonGain)
-"""Those of them that known loads tell, and that a model may have."""
+WEIGHED: tuple[type[Effect], ...] = (sensor.ChannelGain, sensor.CommonGain, sensor.ThermalGain)
+"""Those of them that known loads tell, or other temperatures, and that a model may have."""
 
 
 def __getattr__(name: str) -> NoReturn:
@@ -78,13 +78,14 @@ def every_kind() -> tuple[type[Effect], ...]:
     return (*CATALOGUE, *(plugin.loaded for plugin in plugins(EFFECTS, _of_package) if plugin.loaded is not None))
 
 
-def catalogue(space: Space | None = None, *, weighed: bool = False) -> tuple[Effect, ...]:
+def catalogue(space: Space | None = None, *, weighed: bool = False, warmed: bool = False) -> tuple[Effect, ...]:
     """One instance of every effect, also of packages installed beside, or of those defined in the given space.
 
     Of recordings `weighed` with known loads the gain of every channel is one, in place of the gains relative to the
-    first.
+    first; of recordings `warmed` to different temperatures its change with that is one too.
     """
-    kinds = (sensor.ChannelGain if weighed and kind is sensor.SensorGain else kind for kind in every_kind())
+    kinds = [sensor.ChannelGain if weighed and kind is sensor.SensorGain else kind for kind in every_kind()]
+    kinds += [sensor.ThermalGain] * warmed
     return tuple(effect() for effect in kinds if space is None or space in effect.spaces)
 
 

@@ -15,7 +15,7 @@ from modeling.chain.stages import Clipping, Gain, LinearDynamics, Mounting, Play
 from modeling.compiled.straight_line_program import laplace
 from modeling.parameter import Parameter
 from modeling.sketch import Arc, Arrow, Axes, Length, Line, Name, Text, graph
-from modeling.space import TORQUE_UNIT, Space, rotation_matrix
+from modeling.space import TORQUE_UNIT, Space, rotation_matrix, signals
 
 # First-order lag and pure delay.
 
@@ -104,6 +104,8 @@ SATURATION_FRACTIONS = (0.99, 0.96, 0.92, 0.85, 0.7)
 
 GAIN_BOUNDS = (0.2, 5.0)
 """Of a gain: what is beyond is another unit."""
+THERMAL_BOUNDS = (-0.002, 0.002)
+"""1/K, of a gain: twice the largest that sheets of force/torque sensors state, 0.1 %; more is another mass."""
 CROSSTALK_BOUNDS = {"1": (-0.5, 0.5), "m": (-0.2, 0.2), "1/m": (-5.0, 5.0)}
 """Bounds of a crosstalk gain by its unit: at most half of a channel, or a force-to-torque lever of 0.2 m."""
 
@@ -215,6 +217,7 @@ class ChannelGain(SensorGain):
     id = "gain"
     title = "gain of every channel"
     equation = "reading_i = gain_i wrench_i"
+    scales_mass = True
     advice = "weigh the loads and measure where they hang; hang another known weight along each axis"
     confused_with = "masses or places of the known loads that are not as stated"
 
@@ -245,6 +248,47 @@ class CommonGain(ChannelGain):
     def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
         """Scale all channels."""
         return chain.with_stage(replace(chain[Gain], matrix=p["gain"] * chain[Gain].matrix))
+
+
+@dataclass(frozen=True)
+class ThermalGain(ChannelGain):
+    """Gain of every channel by the recorded temperature (°C): reading_i = (1 + b_i (temperature - 20)) wrench_i.
+
+    The gain at 20 °C is that of `gain`, or one. Recordings at different temperatures tell it: of one tool, or of tools
+    that differ by known loads.
+    """
+
+    id = "thermal_gain"
+    title = "gain depends on the temperature"
+    equation = "reading_i = (1 + b_i (temperature - 20 °C)) wrench_i"
+    advice = "look up the sensor's temperature coefficient; log the temperature, and record cold and warm"
+    confused_with = "a load that is not stated, on a warm day; thermal_drift, in poses with nearly the same load"
+    shows = "The residual of a channel has the shape of its load: of one sign when warm, of the other when cold."
+    provoked_by = "The same motion cold and warm, with the largest load that the sensor carries."
+    letter = "b"
+
+    @property
+    def designable(self) -> bool:
+        """No motion sets a temperature."""
+        return False
+
+    def parameters(self, space: Space) -> tuple[Parameter, ...]:
+        """A coefficient for each channel, 1/K."""
+        return tuple(
+            Parameter(
+                name=channel,
+                unit="1/K",
+                meaning=f"change of the gain of channel {channel} for each kelvin",
+                bounds=THERMAL_BOUNDS,
+            )
+            for channel in space.channels
+        )
+
+    def perturb(self, chain: Chain, p: Mapping[str, sp.Expr]) -> Chain:
+        """Scale the channels by the temperature."""
+        (temperature,) = signals("temperature")
+        gains = [1 + (temperature - 20) * coefficient for coefficient in p.values()]
+        return chain.with_stage(replace(chain[Gain], matrix=chain[Gain].matrix * sp.diag(*gains)))
 
 
 @dataclass(frozen=True)

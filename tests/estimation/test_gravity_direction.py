@@ -20,12 +20,12 @@ from diagnosis.diagnosis import diagnose
 from diagnosis.screening.score_test import model_initial_values
 from diagnosis.study import study
 from diagnosis.verdict_rule import RecordVerdict
-from estimation.candidate_poses import CandidatePoses
 from estimation.case import Case, prepared
 from estimation.contact.contact_wrench import compensate
 from estimation.fit import Fit, fit
 from estimation.gravity.gravity_direction import with_fitted_tilt
 from estimation.gravity.gravity_estimate import WeightMoments
+from estimation.pose_advice import CandidatePoses
 from estimation.reading.log_reading import imported
 from estimation.reading.motion_evidence import motion_evidence
 from estimation.recordings.reading_report import StepKind

@@ -15,12 +15,12 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
-from estimation.candidate_poses import CandidatePoses
 from estimation.contact.contact_filter import ContactFilter, LocalPolynomial
 from estimation.contact.contact_wrench import CalibratedModel
 from estimation.errors_in_variables import ErrorPropagation
 from estimation.fit import fit
 from estimation.input_noise import InputNoise
+from estimation.pose_advice import CandidatePoses
 from estimation.recordings.motion import MotionForm
 from estimation.recordings.reading import from_columns
 from estimation.repeat_table import motion_error_rows

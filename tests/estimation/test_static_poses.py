@@ -10,11 +10,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from estimation.candidate_poses import CandidatePoses, axes_in_words
 from estimation.centre_of_mass import CentreOfMass
 from estimation.fit import Fit, fit
 from estimation.model_response import predicted_readings
-from estimation.pose_advice import PoseAdvice
+from estimation.pose_advice import CandidatePoses, PoseAdvice, axes_in_words
 from estimation.recordings.reading import from_columns, read
 from estimation.recordings.recording import Recording
 from modeling import effects

@@ -92,7 +92,7 @@ def test_every_kind_of_result_is_here() -> None:
     elsewhere = {
         "LimitUse", "ExcitingTrajectory", "DiscriminationDesign", "WeakDuality", "DualityBound",  # tests of designs
         "IntervalDesign",
-        "Survey", "ReadingReport", "CentreOfMass", "PoseAdvice", "ContactPoint", "ContactFilter",
+        "Survey", "ReadingReport", "CentreOfMass", "PoseAdvice", "LoadAdvice", "ContactPoint", "ContactFilter",
         "ErrorsInVariables", "ConstrainedMinimum", "Equations", "Errata", "Calibration", "Discovery",
     }  # fmt: skip
     assert all(hasattr(tw, name) for name in tw.__all__)  # type: ignore[attr-defined]  # each imports its module

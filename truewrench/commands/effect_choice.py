@@ -48,7 +48,8 @@ def candidate_effects(
     Raises InputError for an unknown id, for one that is not defined for these channels, and when none is left.
     """
     model = case.model
-    listed = {effect.id: effect for effect in (*catalogue(model.space, weighed=case.weighed), *custom)}
+    told = catalogue(model.space, weighed=case.weighed, warmed=case.warmed)
+    listed = {effect.id: effect for effect in (*told, *custom)}
     for option, ids in (("--only", only), ("--without", without)):
         for effect_id in ids:
             if effect_by_id(effect_id, custom).id not in listed:

@@ -22,6 +22,7 @@ from estimation.fit import Fit, fit_case
 from estimation.least_squares.bounds import Bounds
 from estimation.least_squares.constraints import Constraints
 from estimation.least_squares.prior import Prior
+from estimation.load_advice import LoadAdvice
 from estimation.reading.log_reader import episode_of
 from estimation.reading.log_reading import is_recording
 from estimation.readings.doubted_reading import DoubtedReading
@@ -37,6 +38,7 @@ from modeling.chain.pseudo_inertia import Volume
 from modeling.errors import InputError
 from modeling.noise import NoiseSource
 from modeling.rig import PLANAR_CHANNELS, Rig
+from modeling.rigid_body import Load
 from truewrench.commands.effect_choice import custom_effects, with_effects_changed
 from truewrench.commands.results import print_result, provenance_of, suspicions_named
 from truewrench.files.case_files import frame_sentences, frames_data, read_case, rigid_tool_case
@@ -50,7 +52,7 @@ if TYPE_CHECKING:
 
 IN_MEMORY_ONLY = (
     *("robust", "bounds", "physical", "inside", "prior", "error_bound"),
-    *("runs", "effects", "validate", "period", "read", "budget", "load"),
+    *("runs", "effects", "validate", "period", "read", "budget", "load", "next_load"),
 )
 """Options that need the whole recording in memory."""
 STREAMED_ROWS = 500_000
@@ -89,7 +91,8 @@ def run_in_memory(arguments: argparse.Namespace) -> None:
             progress("budget")
         budgeted = budget(summary, custom)
     certain = set_bounds_of(error_bound, summary.fit)
-    further = {"set_bounds": certain, "budget": budgeted}
+    advice = load_advice_of(arguments.next_load, summary)
+    further = {"set_bounds": certain, "budget": budgeted, "next_load": advice}
     print_fit(
         arguments,
         summary.fit,
@@ -99,6 +102,7 @@ def run_in_memory(arguments: argparse.Namespace) -> None:
                 summary.text(case, runs=arguments.runs, verbose=arguments.verbose),
                 *([] if certain is None else [str(certain)]),
                 *([] if budgeted is None else [f"Budget, of which the std above have the noise alone:\n{budgeted}"]),
+                *([] if advice is None else [f"Next load:\n{advice}"]),
             ]
         ),
         lambda: write_report(arguments, summary, frame_sentences(case)),
@@ -124,6 +128,16 @@ def set_bounds_of(stated: Mapping[str, float], fitted: Fit) -> SetBounds | None:
     from estimation.set_bounds import set_bounds  # loads scipy.optimize
 
     return set_bounds(fitted, stated)
+
+
+def load_advice_of(loads: Sequence[Load], summary: FitSummary) -> LoadAdvice | None:
+    """Which of the loads of --next-load to hang next; None without any. InputError where no tool is known."""
+    if not loads:
+        return None
+    if summary.unknown_tool:
+        what = f"no load is advised of a tool that is not known, as {summary.unknown_tool}"
+        raise InputError(what=what, where="--next-load", remedy="leave out --next-load to see the fit")
+    return LoadAdvice.of(summary.fit, loads)
 
 
 def budget_of(arguments: argparse.Namespace) -> Callable[[FitSummary, Sequence[Effect]], Budget | None]:
@@ -258,7 +272,7 @@ def streamed_data(fit: StreamedFit, summary: FitSummary) -> dict[str, Any]:
         "tool_unknown": summary.unknown_tool or None,
         "converged": fit.converged,
         "condition": fit.condition if isfinite(fit.condition) else None,
-        "unseen": [*map(str, fit.unidentifiable)],
+        "unseen": [direction.whole for direction in fit.unidentifiable],
     }
 
 

@@ -212,7 +212,7 @@ class FitSummary:
             "tool_unknown": self.unknown_tool or None,
             "converged": self.fit.converged,
             "condition": self.fit.condition if isfinite(self.fit.condition) else None,
-            "unseen": [str(direction) for direction in self.fit.unidentifiable],
+            "unseen": [direction.whole for direction in self.fit.unidentifiable],
             "fits": not self.misfitting and not self.deviating,
             "recordings": [comparison_data(c) for c in self.comparisons],
             "validation": [comparison_data(c) for c in self.validation],
