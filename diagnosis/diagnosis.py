@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.acceptance import accept
+from diagnosis.averaging import ModelAverage
 from diagnosis.calibration import Calibration
 from diagnosis.comparison.compared_step import noise_floors
 from diagnosis.comparison.comparison import Comparison, noise_from_residual
@@ -261,6 +262,11 @@ class Diagnosis(Tabular):
     def tool_unknown(self) -> str:
         """Why the readings do not say what the tool weighs, empty where they do."""
         return unknown_tool_reason(self.steps[-1].training, self.fit.model)
+
+    @cached_property
+    def averaged(self) -> ModelAverage:
+        """The estimates with the doubt between the effects added and those that are confusable with them."""
+        return ModelAverage.of(self)
 
     @cached_property
     def slow_residuals(self) -> tuple[SlowResidual, ...]:

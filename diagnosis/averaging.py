@@ -1,0 +1,364 @@
+"""Average over the models that a diagnosis could not tell apart: estimates with the doubt between them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import product
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from diagnosis.comparison.validation import validation_fit
+from diagnosis.verdict.aliasing import Alias
+from estimation.centre_of_mass import SIGNIFICANT, CentreOfMass
+from estimation.fit import Fit, as_reported
+from estimation.multiplicity import student_isf, student_sf
+from modeling.errors import InputError, quoted, suggestion
+from modeling.number_format import NOT_IDENTIFIABLE, digits_of, estimate_text, finite, interval_text
+from modeling.significance import LEVELS
+from modeling.table import Cell, Column, Table, Tabular, Value
+
+if TYPE_CHECKING:
+    from diagnosis.diagnosis import Diagnosis
+
+Array = NDArray[np.float64]
+
+LEAST_WEIGHT = 1e-3
+"""Weight below which a model is left out: were all of it beyond one end of a 95 % interval, that end would move by 1 %
+of the interval's half width (a tail of 2.5 % against one of 2.4 %), less than the two digits of a std show."""
+MOST_MEMBERS = 12
+"""Models that are refitted, those with the smallest chi-square first: a time limit, where two or more effects each have
+several others in their place."""
+HALVINGS = 60
+"""Of a bracket of a quantile: to the last digit."""
+
+
+@dataclass(frozen=True, eq=False)
+class Member:
+    """One of the models, fitted to the recordings of the diagnosis in their noise.
+
+    name      ids of its effects that others have another in the place of
+    evidence  chi-square of all recordings, held-out ones too, plus two for each free parameter (Akaike)
+    """
+
+    name: str
+    fit: Fit
+    evidence: float
+    weight: float = 1.0
+
+    def to_data(self) -> dict[str, Any]:
+        """Effects, weight and evidence as plain data."""
+        effects = [effect.id for effect in self.fit.model.effects]
+        return {"name": self.name, "weight": self.weight, "evidence": self.evidence, "effects": effects}
+
+
+@dataclass(frozen=True, eq=False)
+class AveragedEstimate:
+    """One quantity that every member estimates, in `unit`: a mixture of their Student's t distributions.
+
+    weights, values, stds, freedoms   (members,), of the model chosen first; the std is zero where a model fixes it, and
+        infinite where it is not identifiable
+    low, high   (members,) ends of each member's own interval at `level`
+    is_bias     whether it is a zero of the sensor, which is nobody's question
+    """
+
+    name: str
+    unit: str
+    weights: Array
+    values: Array
+    stds: Array
+    freedoms: Array
+    low: Array
+    high: Array
+    level: float = LEVELS.confidence
+    is_bias: bool = False
+
+    @property
+    def known(self) -> bool:
+        """Whether it is identifiable in every member."""
+        return bool(np.isfinite(self.stds).all())
+
+    @property
+    def value(self) -> float:
+        """Mean over the members."""
+        return float(self.weights @ self.values)
+
+    @property
+    def within(self) -> float:
+        """Std within the members: root of the mean of their variances."""
+        return float(np.sqrt(self.weights @ self.stds**2))
+
+    @property
+    def between(self) -> float:
+        """Std between the members' estimates."""
+        return float(np.sqrt(self.weights @ (self.values - self.value) ** 2))
+
+    @property
+    def std(self) -> float:
+        """Std of the mixture, by the law of total variance."""
+        return float(np.sqrt(self.weights @ (self.stds**2 + (self.values - self.value) ** 2)))
+
+    @cached_property
+    def interval(self) -> tuple[float, float]:
+        """Quantiles of the mixture that leave equal tails; of one member its own interval."""
+        tail = (1 - self.level) / 2
+        return self._quantile(tail, self.low), self._quantile(1 - tail, self.high)
+
+    @property
+    def outside(self) -> float:
+        """Probability, given the mixture, that the quantity is outside the interval of the model chosen."""
+        low, high = float(self.low[0]), float(self.high[0])
+        return float(1 - self.weights @ (self._below(high) - self._below(low, or_at=False)))
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether the interval of the model chosen is wrong more than twice as often as it says.
+
+        It is the standard that p-values are held to, which a calibration withholds where false alarms are more than
+        twice as frequent as stated.
+        """
+        return self.known and self.outside > 2 * (1 - self.level)
+
+    def _below(self, end: float, *, or_at: bool = True) -> Array:
+        """Probability (members,) that it is below an end, `or_at` it where a member fixes it there."""
+        distance = end - self.values
+        fixed = (distance >= 0) if or_at else (distance > 0)
+        scaled = distance / np.where(self.stds > 0, self.stds, 1.0)
+        return np.where(self.stds > 0, student_sf(-scaled, self.freedoms), fixed)
+
+    def _quantile(self, probability: float, ends: Array) -> float:
+        """By halving: each member's own quantiles are the `ends` (members,), and that of the mixture is between them."""
+        low, high = float(ends.min()), float(ends.max())
+        for _ in range(HALVINGS if low < high else 0):
+            middle = (low + high) / 2
+            low, high = (low, middle) if self.weights @ self._below(middle) >= probability else (middle, high)
+        return high
+
+    def row(self) -> list[Value]:
+        """Name, mean, stds within, between and of both, ends, unit, and the members' estimates."""
+        if not self.known:
+            return [self.name, None, None, None, None, None, None, self.unit, *([None] * len(self.values))]
+        mean, low, high = (Cell(v, format=digits_of(v, self.std)) for v in (self.value, *self.interval))
+        each = (Cell(float(v), format=digits_of(float(v), self.std)) for v in self.values)
+        return [self.name, mean, self.within, self.between, self.std, low, high, self.unit, *each]
+
+    def to_data(self) -> dict[str, Any]:
+        """As plain data, the members' estimates in their order."""
+        low, high = self.interval if self.known else (None, None)
+        numbers = {
+            "value": self.value, "std": self.std, "within": self.within, "between": self.between,
+            "low": low, "high": high, "outside": self.outside if self.known else None,
+        }  # fmt: skip
+        data: dict[str, Any] = finite(
+            {key: number if self.known else None for key, number in numbers.items()}
+            | {"unit": self.unit, "doubtful": self.doubtful}
+            | {"values": self.values.tolist(), "stds": self.stds.tolist()}
+        )
+        return data
+
+
+@dataclass(frozen=True, eq=False)
+class ModelAverage(Tabular):
+    """Estimates with the doubt between the models that a diagnosis could not tell apart: `diagnosis.averaged`.
+
+    Parameters
+    ----------
+    members : tuple of Member
+        The models with their weights, the one chosen first.
+    estimates : tuple of AveragedEstimate
+        The parameters that every member has under the same name, and so of the same meaning, and the coordinates of the
+        centre of mass in m, 0 where a member has it on the tip's axis. A parameter of an effect that some members lack
+        is not averaged: it has a value only if that effect is there, and that is in the `fit` of each member.
+    left_out : tuple of str
+        Members that have no weight to speak of, or could not be fitted, as sentences.
+
+    Examples
+    --------
+    >>> import truewrench as tw
+    >>> rig = tw.Rig.read("rig.toml")
+    >>> candidates = [tw.effects.viscous_drag(), tw.effects.sensor_lag()]
+    >>> average = tw.diagnose(tw.planar(rig), tw.read("train.csv", rig=rig), effects=candidates).averaged
+    >>> [(member.name, member.weight) for member in average.members]
+    [('the model chosen', 1.0)]
+    """
+
+    members: tuple[Member, ...]
+    estimates: tuple[AveragedEstimate, ...]
+    left_out: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, diagnosis: Diagnosis) -> ModelAverage:
+        """Of the model chosen, and of those with effects in the place of its own that are confusable with these."""
+        exchanges, last, left_out = _exchanges(diagnosis), diagnosis.steps[-1], list[str]()
+        replaced = list(dict.fromkeys(added for exchange in exchanges for added in exchange))
+        members = [_member(diagnosis, " + ".join(replaced) or "the model chosen", last.tested, last.fit)]
+        for exchange in exchanges:
+            name = " + ".join(exchange[i].effect.id if i in exchange else i for i in replaced)
+            try:
+                tested = _refitted(last.tested, exchange)
+                fit = as_reported(tested)
+            except InputError as error:
+                left_out.append(f"{name} is left out: {error.what}")
+                continue
+            if tested.converged and fit.converged:
+                members.append(_member(diagnosis, name, tested, fit))
+            else:
+                left_out.append(f"{name} is left out: its refit to the readings has not converged")
+        weighed = _weighed(members)
+        light = [m for m in weighed[1:] if m.weight < LEAST_WEIGHT]
+        left_out += [f"{m.name} is left out: its weight is {m.weight:.1g}" for m in light]
+        kept = _weighed([m for m in weighed if m not in light])
+        return cls(kept, tuple(_averaged(kept, with_centre=not diagnosis.tool_unknown)), tuple(left_out))
+
+    def __getitem__(self, name: str) -> AveragedEstimate:
+        """The estimate of that name; InputError, with what was meant, for none."""
+        estimates = {estimate.name: estimate for estimate in self.estimates}
+        if name not in estimates:
+            remedy = suggestion(str(name), estimates)
+            raise InputError(what=f"no parameter of every member is called {quoted(name)}", where="average", remedy=remedy)
+        return estimates[name]
+
+    @property
+    def doubtful(self) -> tuple[AveragedEstimate, ...]:
+        """The parameters, but for zeros of the sensor, of which the model chosen alone would claim to know too much."""
+        return tuple(e for e in self.estimates if e.doubtful and not e.is_bias)
+
+    @property
+    def sentences(self) -> list[str]:
+        """Each doubtful parameter with each member, and averaged; empty without any."""
+        sentences = []
+        for e in self.doubtful:
+            each = zip(self.members, e.values.tolist(), e.stds.tolist(), strict=True)
+            ifs = ", ".join(
+                f"{estimate_text(value, std, e.unit)} if it is {member.name} (weight {member.weight:.2g})"
+                for member, value, std in each
+            )
+            sentences.append(
+                f"{e.name} is {ifs}; averaged {estimate_text(e.value, e.std, e.unit)}, {e.level:.0%} interval"
+                f" {interval_text(*e.interval, e.std)} {e.unit}."
+            )
+        return sentences
+
+    @property
+    def table(self) -> Table:
+        """Of each parameter mean, std within and between the members, both, interval, and the members' estimates."""
+        names, level = ("std within", "std between", "std"), self.estimates[0].level
+        stds = (Column(name, format=".2g", unknown=NOT_IDENTIFIABLE) for name in names)
+        ends = (Column(f"{level:.0%} from"), Column("to"))
+        each = (Column(f"{member.name} ({member.weight:.2g})") for member in self.members)
+        columns = ("parameter", Column("value"), *stds, *ends, "unit", *each)
+        return Table.of(columns, [estimate.row() for estimate in self.estimates])
+
+    def remarks(self) -> list[str]:
+        """What the weights are, which members are left out, and which parameters are doubtful."""
+        if len(self.members) == 1:
+            return ["All weight is on the model chosen: these are its fit's.", *self.left_out]
+        names = " and ".join(member.name for member in self.members)
+        chance = f"In brackets: how probable each of {names} is, if one of them is there, and each was as likely before."
+        doubtful = ", ".join(estimate.name for estimate in self.doubtful)
+        doubt = f"The model chosen alone would be wrong more than twice as often as it says in {doubtful}."
+        return [chance, *self.left_out, *([doubt] if doubtful else [])]
+
+    def to_data(self) -> dict[str, Any]:
+        """Members and estimates as plain data."""
+        return {
+            "members": [member.to_data() for member in self.members],
+            "level": self.estimates[0].level,
+            "parameters": {estimate.name: estimate.to_data() for estimate in self.estimates},
+            "left_out": list(self.left_out),
+        }
+
+
+# ---------------------------------------------------------------------------- members, and their weights
+
+
+Exchange = Mapping[str, Alias]
+"""Aliases by the id of the added effect in whose place they are."""
+
+
+def _exchanges(diagnosis: Diagnosis) -> list[Exchange]:
+    """The sets of effects beside the one chosen, those first whose chi-square is lowest."""
+    aliases = {f.effect.id: [a for a in f.aliases if a.confusable] for f in diagnosis.findings}
+    choices = [[None, *((added, alias) for alias in several)] for added, several in aliases.items() if several]
+    exchanges = [dict(pair for pair in choice if pair is not None) for choice in product(*choices)]
+    kept = {e.id for e in diagnosis.fit.model.effects}
+    distinct = [
+        exchange
+        for exchange in exchanges
+        if exchange and len({a.effect.id for a in exchange.values()} - (kept - exchange.keys())) == len(exchange)
+    ]
+    return sorted(distinct, key=lambda exchange: sum(a.excess for a in exchange.values()))[: MOST_MEMBERS - 1]
+
+
+def _refitted(chosen: Fit, exchange: Exchange) -> Fit:
+    """The model chosen with other effects in the place of some of its own, in the same noise, from where these imitate
+    them best."""
+    model, values = chosen.model, chosen.values
+    for added, alias in exchange.items():
+        model = model.without(added) + (alias.as_fitted or alias.effect)
+        values |= alias.values
+    return chosen.refitted(model, values)
+
+
+def _member(diagnosis: Diagnosis, name: str, tested: Fit, fit: Fit) -> Member:
+    """A model by its minimum in the noise of the search, and as it is reported.
+
+    A held-out recording adds what the chi-square of both together is higher by: to first order the least of its own and
+    that of the change of the estimates.
+    """
+    residual = tested.whitened_residual()
+    evidence = float(residual @ residual) + 2.0 * (sum(not p.fixed for p in tested.unknowns) - len(tested.unidentifiable))
+    for compared in diagnosis.steps[-1].validation:
+        own = [d for d in diagnosis.disturbances if d.recording.is_reading_of(compared.recording)]
+        start = {f"{d.effect.id}.{name}": e.value for d in own for name, e in d.parameters.items()}
+        carried = validation_fit(fit, compared.recording, compared.noise, [d.effect for d in own], start)
+        rows = carried.standardised_residual().rows
+        evidence += float(rows @ rows)
+    return Member(name, fit, evidence)
+
+
+def _weighed(members: Sequence[Member]) -> tuple[Member, ...]:
+    """The members with their Akaike weights, which sum to one."""
+    evidence = np.array([member.evidence for member in members])
+    weights = np.exp((evidence.min() - evidence) / 2)
+    return tuple(replace(m, weight=float(w)) for m, w in zip(members, weights / weights.sum(), strict=True))
+
+
+# ---------------------------------------------------------------------------------------- what is averaged
+
+
+def _averaged(members: Sequence[Member], *, with_centre: bool) -> Iterator[AveragedEstimate]:
+    """The parameters of all members, in the order of the first, then the centre of mass."""
+    fits = [member.fit for member in members]
+    weights = np.array([member.weight for member in members])
+    ends = [fit.intervals() for fit in fits]
+    places = [{name: i for i, name in enumerate(fit.parameters)} for fit in fits]
+    biases = {p.name for p in fits[0].model.biases}
+    for name, estimate in fits[0].parameters.items():
+        if not all(name in place for place in places):
+            continue
+        own = [place[name] for place in places]
+        numbers = [
+            (fit.theta[i], fit.parameters[name].std, end.freedom[i], end.low[i], end.high[i])
+            for fit, end, i in zip(fits, ends, own, strict=True)
+        ]
+        yield AveragedEstimate(
+            name, estimate.unit, weights, *np.array(numbers).T, level=ends[0].level,
+            is_bias=name.partition("@")[0] in biases,
+        )  # fmt: skip
+    if with_centre and all(fit["m"].std < abs(fit["m"].value) / SIGNIFICANT for fit in fits):
+        centres = [CentreOfMass.of(fit) for fit in fits]
+        freedoms = [end.freedom[place["m"]] for end, place in zip(ends, places, strict=True)]
+        for axis in dict.fromkeys(axis for centre in centres for axis in centre.axes):
+            own = [centre.axes.index(axis) if axis in centre.axes else None for centre in centres]
+            numbers = [
+                (0.0, 0.0) if i is None else (centre.value[i], centre.std[i])
+                for centre, i in zip(centres, own, strict=True)
+            ]
+            values, stds = np.array(numbers).T
+            half = student_isf(0.5 - ends[0].level / 2, np.array(freedoms)) * stds
+            name = f"centre {axis}"
+            yield AveragedEstimate(name, "m", weights, values, stds, np.array(freedoms), values - half, values + half)
