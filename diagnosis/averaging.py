@@ -6,13 +6,17 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis.comparison.comparison import Comparison
 from diagnosis.comparison.validation import validation_fit
+from diagnosis.held_out import RecordingDisturbance
 from diagnosis.verdict.aliasing import Alias
+from diagnosis.verdict.finding import Finding
+from diagnosis.verdict.selection_step import SelectionStep
 from estimation.centre_of_mass import SIGNIFICANT, CentreOfMass
 from estimation.fit import Fit, as_reported
 from estimation.multiplicity import student_isf, student_sf
@@ -21,14 +25,15 @@ from modeling.number_format import NOT_IDENTIFIABLE, digits_of, estimate_text, f
 from modeling.significance import LEVELS
 from modeling.table import Cell, Column, Table, Tabular, Value
 
-if TYPE_CHECKING:
-    from diagnosis.diagnosis import Diagnosis
-
 Array = NDArray[np.float64]
 
 LEAST_WEIGHT = 1e-3
 """Weight below which a model is left out: were all of it beyond one end of a 95 % interval, that end would move by 1 %
 of the interval's half width (a tail of 2.5 % against one of 2.4 %), less than the two digits of a std show."""
+PER_PARAMETER = 1.0
+"""Added to the chi-square for each free parameter: by as much is it lower because that was fitted, so that the sum is
+the mean deviance over what the readings leave open. Two, as Akaike has it, or more would count simplicity as evidence,
+which the larger of two models that the readings do not tell apart then lacks (docs/decisions/averaging.md)."""
 MOST_MEMBERS = 12
 """Models that are refitted, those with the smallest chi-square first: a time limit, where two or more effects each have
 several others in their place."""
@@ -41,7 +46,7 @@ class Member:
     """One of the models, fitted to the recordings of the diagnosis in their noise.
 
     name      ids of its effects that others have another in the place of
-    evidence  chi-square of all recordings, held-out ones too, plus two for each free parameter (Akaike)
+    evidence  chi-square of all recordings, held-out ones too, plus `PER_PARAMETER` for each free parameter
     """
 
     name: str
@@ -130,7 +135,7 @@ class AveragedEstimate:
         return np.where(self.stds > 0, student_sf(-scaled, self.freedoms), fixed)
 
     def _quantile(self, probability: float, ends: Array) -> float:
-        """By halving: each member's own quantiles are the `ends` (members,), and that of the mixture is between them."""
+        """By halving, between the members' own quantiles, their `ends` (members,)."""
         low, high = float(ends.min()), float(ends.max())
         for _ in range(HALVINGS if low < high else 0):
             middle = (low + high) / 2
@@ -190,35 +195,49 @@ class ModelAverage(Tabular):
     left_out: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, diagnosis: Diagnosis) -> ModelAverage:
-        """Of the model chosen, and of those with effects in the place of its own that are confusable with these."""
-        exchanges, last, left_out = _exchanges(diagnosis), diagnosis.steps[-1], list[str]()
+    def of(
+        cls,
+        step: SelectionStep,
+        findings: Sequence[Finding],
+        disturbances: Sequence[RecordingDisturbance] = (),
+        *,
+        tool_known: bool = True,
+    ) -> ModelAverage:
+        """Of the last step of a diagnosis, and of each set with effects confusable with its own in their place.
+
+        The `disturbances` are those of its held-out recordings. The centre of mass is averaged where the tool is known.
+        """
+        exchanges, left_out = _exchanges(step, findings), list[str]()
         replaced = list(dict.fromkeys(added for exchange in exchanges for added in exchange))
-        members = [_member(diagnosis, " + ".join(replaced) or "the model chosen", last.tested, last.fit)]
+        chosen = " + ".join(replaced) or "the model chosen"
+        members = [Member(chosen, step.fit, _evidence(step.tested, step.fit, step.validation, disturbances))]
         for exchange in exchanges:
             name = " + ".join(exchange[i].effect.id if i in exchange else i for i in replaced)
             try:
-                tested = _refitted(last.tested, exchange)
+                tested = _refitted(step.tested, exchange)
                 fit = as_reported(tested)
             except InputError as error:
                 left_out.append(f"{name} is left out: {error.what}")
                 continue
             if tested.converged and fit.converged:
-                members.append(_member(diagnosis, name, tested, fit))
+                members.append(Member(name, fit, _evidence(tested, fit, step.validation, disturbances)))
             else:
                 left_out.append(f"{name} is left out: its refit to the readings has not converged")
         weighed = _weighed(members)
         light = [m for m in weighed[1:] if m.weight < LEAST_WEIGHT]
         left_out += [f"{m.name} is left out: its weight is {m.weight:.1g}" for m in light]
         kept = _weighed([m for m in weighed if m not in light])
-        return cls(kept, tuple(_averaged(kept, with_centre=not diagnosis.tool_unknown)), tuple(left_out))
+        estimates = [*_parameters(kept), *(_centre_of_mass(kept) if tool_known else ())]
+        return cls(kept, tuple(estimates), tuple(left_out))
 
     def __getitem__(self, name: str) -> AveragedEstimate:
         """The estimate of that name; InputError, with what was meant, for none."""
         estimates = {estimate.name: estimate for estimate in self.estimates}
         if name not in estimates:
             remedy = suggestion(str(name), estimates)
-            raise InputError(what=f"no parameter of every member is called {quoted(name)}", where="average", remedy=remedy)
+            raise InputError(
+                what=f"no parameter of every member is called {quoted(name)}", where="average", remedy=remedy
+            )
         return estimates[name]
 
     @property
@@ -246,10 +265,10 @@ class ModelAverage(Tabular):
     def table(self) -> Table:
         """Of each parameter mean, std within and between the members, both, interval, and the members' estimates."""
         names, level = ("std within", "std between", "std"), self.estimates[0].level
-        stds = (Column(name, format=".2g", unknown=NOT_IDENTIFIABLE) for name in names)
-        ends = (Column(f"{level:.0%} from"), Column("to"))
-        each = (Column(f"{member.name} ({member.weight:.2g})") for member in self.members)
-        columns = ("parameter", Column("value"), *stds, *ends, "unit", *each)
+        stds = [Column(name, format=".2g") for name in names]
+        columns = [Column("parameter"), Column("value", unknown=NOT_IDENTIFIABLE), *stds]
+        columns += [Column(f"{level:.0%} from"), Column("to"), Column("unit")]
+        columns += [Column(f"{member.name} ({member.weight:.2g})") for member in self.members]
         return Table.of(columns, [estimate.row() for estimate in self.estimates])
 
     def remarks(self) -> list[str]:
@@ -257,7 +276,9 @@ class ModelAverage(Tabular):
         if len(self.members) == 1:
             return ["All weight is on the model chosen: these are its fit's.", *self.left_out]
         names = " and ".join(member.name for member in self.members)
-        chance = f"In brackets: how probable each of {names} is, if one of them is there, and each was as likely before."
+        chance = (
+            f"In brackets: how probable each of {names} is, if one of them is there, and each was as likely before."
+        )
         doubtful = ", ".join(estimate.name for estimate in self.doubtful)
         doubt = f"The model chosen alone would be wrong more than twice as often as it says in {doubtful}."
         return [chance, *self.left_out, *([doubt] if doubtful else [])]
@@ -279,18 +300,21 @@ Exchange = Mapping[str, Alias]
 """Aliases by the id of the added effect in whose place they are."""
 
 
-def _exchanges(diagnosis: Diagnosis) -> list[Exchange]:
+def _exchanges(step: SelectionStep, findings: Sequence[Finding]) -> list[Exchange]:
     """The sets of effects beside the one chosen, those first whose chi-square is lowest."""
-    aliases = {f.effect.id: [a for a in f.aliases if a.confusable] for f in diagnosis.findings}
-    choices = [[None, *((added, alias) for alias in several)] for added, several in aliases.items() if several]
-    exchanges = [dict(pair for pair in choice if pair is not None) for choice in product(*choices)]
-    kept = {e.id for e in diagnosis.fit.model.effects}
-    distinct = [
-        exchange
-        for exchange in exchanges
-        if exchange and len({a.effect.id for a in exchange.values()} - (kept - exchange.keys())) == len(exchange)
-    ]
+    choices: list[list[tuple[tuple[str, Alias], ...]]] = []
+    for finding in findings:
+        confusable = [((finding.effect.id, alias),) for alias in finding.aliases if alias.confusable]
+        choices += [[(), *confusable]] if confusable else []
+    exchanges: list[Exchange] = [dict(pair for pairs in choice for pair in pairs) for choice in product(*choices)]
+    size = len(step.fit.model.effects)
+    distinct = [e for e in exchanges if e and len(_ids(step.fit, e)) == size]
     return sorted(distinct, key=lambda exchange: sum(a.excess for a in exchange.values()))[: MOST_MEMBERS - 1]
+
+
+def _ids(fit: Fit, exchange: Exchange) -> set[str]:
+    """Ids of a model's effects after the exchange; fewer than it has, where one would be there twice."""
+    return {exchange[e.id].effect.id if e.id in exchange else e.id for e in fit.model.effects}
 
 
 def _refitted(chosen: Fit, exchange: Exchange) -> Fit:
@@ -303,25 +327,27 @@ def _refitted(chosen: Fit, exchange: Exchange) -> Fit:
     return chosen.refitted(model, values)
 
 
-def _member(diagnosis: Diagnosis, name: str, tested: Fit, fit: Fit) -> Member:
-    """A model by its minimum in the noise of the search, and as it is reported.
+def _evidence(
+    tested: Fit, fit: Fit, validation: Sequence[Comparison], disturbances: Sequence[RecordingDisturbance]
+) -> float:
+    """Of a model by its minimum in the noise of the search, and as it is reported.
 
     A held-out recording adds what the chi-square of both together is higher by: to first order the least of its own and
     that of the change of the estimates.
     """
-    residual = tested.whitened_residual()
-    evidence = float(residual @ residual) + 2.0 * (sum(not p.fixed for p in tested.unknowns) - len(tested.unidentifiable))
-    for compared in diagnosis.steps[-1].validation:
-        own = [d for d in diagnosis.disturbances if d.recording.is_reading_of(compared.recording)]
+    free = sum(not p.fixed for p in tested.unknowns) - len(tested.unidentifiable)
+    evidence = tested.problem.chi_square(tested.theta) + PER_PARAMETER * free
+    for compared in validation:
+        own = [d for d in disturbances if d.recording.is_reading_of(compared.recording)]
         start = {f"{d.effect.id}.{name}": e.value for d in own for name, e in d.parameters.items()}
         carried = validation_fit(fit, compared.recording, compared.noise, [d.effect for d in own], start)
         rows = carried.standardised_residual().rows
         evidence += float(rows @ rows)
-    return Member(name, fit, evidence)
+    return evidence
 
 
 def _weighed(members: Sequence[Member]) -> tuple[Member, ...]:
-    """The members with their Akaike weights, which sum to one."""
+    """The members with weights that sum to one."""
     evidence = np.array([member.evidence for member in members])
     weights = np.exp((evidence.min() - evidence) / 2)
     return tuple(replace(m, weight=float(w)) for m, w in zip(members, weights / weights.sum(), strict=True))
@@ -330,35 +356,32 @@ def _weighed(members: Sequence[Member]) -> tuple[Member, ...]:
 # ---------------------------------------------------------------------------------------- what is averaged
 
 
-def _averaged(members: Sequence[Member], *, with_centre: bool) -> Iterator[AveragedEstimate]:
-    """The parameters of all members, in the order of the first, then the centre of mass."""
-    fits = [member.fit for member in members]
+def _parameters(members: Sequence[Member]) -> Iterator[AveragedEstimate]:
+    """The parameters of all members, in the order of the first."""
     weights = np.array([member.weight for member in members])
+    fits = [member.fit for member in members]
     ends = [fit.intervals() for fit in fits]
-    places = [{name: i for i, name in enumerate(fit.parameters)} for fit in fits]
     biases = {p.name for p in fits[0].model.biases}
     for name, estimate in fits[0].parameters.items():
-        if not all(name in place for place in places):
-            continue
-        own = [place[name] for place in places]
-        numbers = [
-            (fit.theta[i], fit.parameters[name].std, end.freedom[i], end.low[i], end.high[i])
-            for fit, end, i in zip(fits, ends, own, strict=True)
-        ]
-        yield AveragedEstimate(
-            name, estimate.unit, weights, *np.array(numbers).T, level=ends[0].level,
-            is_bias=name.partition("@")[0] in biases,
-        )  # fmt: skip
-    if with_centre and all(fit["m"].std < abs(fit["m"].value) / SIGNIFICANT for fit in fits):
-        centres = [CentreOfMass.of(fit) for fit in fits]
-        freedoms = [end.freedom[place["m"]] for end, place in zip(ends, places, strict=True)]
-        for axis in dict.fromkeys(axis for centre in centres for axis in centre.axes):
-            own = [centre.axes.index(axis) if axis in centre.axes else None for centre in centres]
-            numbers = [
-                (0.0, 0.0) if i is None else (centre.value[i], centre.std[i])
-                for centre, i in zip(centres, own, strict=True)
-            ]
-            values, stds = np.array(numbers).T
-            half = student_isf(0.5 - ends[0].level / 2, np.array(freedoms)) * stds
-            name = f"centre {axis}"
-            yield AveragedEstimate(name, "m", weights, values, stds, np.array(freedoms), values - half, values + half)
+        if all(name in fit for fit in fits):
+            each = zip(fits, ends, ([*fit].index(name) for fit in fits), strict=True)
+            numbers = [(f.theta[i], f[name].std, e.freedom[i], e.low[i], e.high[i]) for f, e, i in each]
+            values, stds, freedoms, low, high = np.array(numbers).T
+            is_bias = name.partition("@")[0] in biases
+            yield AveragedEstimate(
+                name, estimate.unit, weights, values, stds, freedoms, low, high, ends[0].level, is_bias
+            )
+
+
+def _centre_of_mass(members: Sequence[Member]) -> Iterator[AveragedEstimate]:
+    """Its coordinates, where every member has a significant mass, with the degrees of freedom of that."""
+    fits = [member.fit for member in members]
+    if not all(fit["m"].std < abs(fit["m"].value) / SIGNIFICANT for fit in fits):
+        return
+    weights, centres = np.array([member.weight for member in members]), [CentreOfMass.of(fit) for fit in fits]
+    freedoms = np.array([fit.intervals().freedom[[*fit].index("m")] for fit in fits])
+    for axis in dict.fromkeys(axis for centre in centres for axis in centre.axes):
+        own = [dict(zip(c.axes, zip(c.value, c.std, strict=True), strict=True)).get(axis, (0.0, 0.0)) for c in centres]
+        values, stds = np.array(own).T
+        half = student_isf(0.5 - LEVELS.confidence / 2, freedoms) * stds
+        yield AveragedEstimate(f"centre {axis}", "m", weights, values, stds, freedoms, values - half, values + half)

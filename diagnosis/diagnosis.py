@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from diagnosis.acceptance import accept
-from diagnosis.averaging import ModelAverage
 from diagnosis.calibration import Calibration
 from diagnosis.comparison.compared_step import noise_floors
 from diagnosis.comparison.comparison import Comparison, noise_from_residual
@@ -63,6 +62,7 @@ from modeling.significance import LEVELS
 from modeling.table import Column, Table, Tabular
 
 if TYPE_CHECKING:
+    from diagnosis.averaging import ModelAverage
     from estimation.readings.doubted_reading import DoubtedReading
 
 
@@ -266,7 +266,10 @@ class Diagnosis(Tabular):
     @cached_property
     def averaged(self) -> ModelAverage:
         """The estimates with the doubt between the effects added and those that are confusable with them."""
-        return ModelAverage.of(self)
+        from diagnosis.averaging import ModelAverage  # refits of their own, where there are such effects
+
+        known = not self.tool_unknown
+        return ModelAverage.of(self.steps[-1], self.findings, self.disturbances, tool_known=known)
 
     @cached_property
     def slow_residuals(self) -> tuple[SlowResidual, ...]:
