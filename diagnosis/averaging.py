@@ -18,6 +18,7 @@ from diagnosis.verdict.aliasing import Alias
 from diagnosis.verdict.finding import Finding
 from diagnosis.verdict.selection_step import SelectionStep
 from estimation.centre_of_mass import SIGNIFICANT, CentreOfMass
+from estimation.contact.contact_wrench import Alternative, CalibratedModel
 from estimation.fit import Fit, as_reported
 from estimation.multiplicity import student_isf, student_sf
 from modeling.errors import InputError, quoted, suggestion
@@ -239,6 +240,13 @@ class ModelAverage(Tabular):
                 what=f"no parameter of every member is called {quoted(name)}", where="average", remedy=remedy
             )
         return estimates[name]
+
+    @property
+    def calibration(self) -> CalibratedModel:
+        """For compensation: the model chosen, with the others as alternatives."""
+        chosen, *others = self.members
+        alternatives = (Alternative(one.name, one.weight, CalibratedModel.of(one.fit)) for one in others)
+        return replace(CalibratedModel.of(chosen.fit), alternatives=tuple(alternatives))
 
     @property
     def doubtful(self) -> tuple[AveragedEstimate, ...]:
