@@ -174,12 +174,21 @@ class ModelAverage(Tabular):
     ----------
     members : tuple of Member
         The models with their weights, the one chosen first.
-    estimates : tuple of AveragedEstimate
-        The parameters that every member has under the same name, and so of the same meaning, and the coordinates of the
-        centre of mass in m, 0 where a member has it on the tip's axis. A parameter of an effect that some members lack
-        is not averaged: it has a value only if that effect is there, and that is in the `fit` of each member.
     left_out : tuple of str
         Members that have no weight to speak of, or could not be fitted, as sentences.
+    tool_known : bool
+        Whether the recordings say what the tool weighs.
+
+    Notes
+    -----
+    Averaged are the parameters that every member has under the same name, and so of the same meaning, and the
+    coordinates of the centre of mass in m, 0 where a member has it on the tip's axis. One of an effect that some
+    members lack is not: it has a value only if that effect is there, which is in the `fit` of each member.
+
+    A member weighs exp(-D / 2), with D the mean of its chi-square over what the readings leave open of its parameters:
+    the least chi-square plus the number of free ones. An interval leaves equal tails of the mixture of the members'
+    Student's t distributions (model-averaged tail area: D. Turek and D. Fletcher, Comput. Stat. Data Anal. 56 (2012)
+    2809-2815). That of a single member is its own.
 
     Examples
     --------
@@ -192,8 +201,8 @@ class ModelAverage(Tabular):
     """
 
     members: tuple[Member, ...]
-    estimates: tuple[AveragedEstimate, ...]
     left_out: tuple[str, ...] = ()
+    tool_known: bool = True
 
     @classmethod
     def of(
@@ -227,9 +236,12 @@ class ModelAverage(Tabular):
         weighed = _weighed(members)
         light = [m for m in weighed[1:] if m.weight < LEAST_WEIGHT]
         left_out += [f"{m.name} is left out: its weight is {m.weight:.1g}" for m in light]
-        kept = _weighed([m for m in weighed if m not in light])
-        estimates = [*_parameters(kept), *(_centre_of_mass(kept) if tool_known else ())]
-        return cls(kept, tuple(estimates), tuple(left_out))
+        return cls(_weighed([m for m in weighed if m not in light]), tuple(left_out), tool_known)
+
+    @cached_property
+    def estimates(self) -> tuple[AveragedEstimate, ...]:
+        """What is averaged: the parameters of every member, then the coordinates of the centre of mass."""
+        return (*_parameters(self.members), *(_centre_of_mass(self.members) if self.tool_known else ()))
 
     def __getitem__(self, name: str) -> AveragedEstimate:
         """The estimate of that name; InputError, with what was meant, for none."""
@@ -255,19 +267,17 @@ class ModelAverage(Tabular):
 
     @property
     def sentences(self) -> list[str]:
-        """Each doubtful parameter with each member, and averaged; empty without any."""
-        sentences = []
+        """How probable each member is, then each doubtful parameter with each, and averaged; empty without any."""
+        if len(self.members) == 1 or not self.doubtful:
+            return []
+        chances = ", ".join(f"{member.name} {member.weight:.2g}" for member in self.members)
+        lines = [f"Which of the indistinguishable effects is there (probability: {chances}) decides:"]
         for e in self.doubtful:
             each = zip(self.members, e.values.tolist(), e.stds.tolist(), strict=True)
-            ifs = ", ".join(
-                f"{estimate_text(value, std, e.unit)} if it is {member.name} (weight {member.weight:.2g})"
-                for member, value, std in each
-            )
-            sentences.append(
-                f"{e.name} is {ifs}; averaged {estimate_text(e.value, e.std, e.unit)}, {e.level:.0%} interval"
-                f" {interval_text(*e.interval, e.std)} {e.unit}."
-            )
-        return sentences
+            ifs = ", ".join(f"{estimate_text(value, std, e.unit)} if {member.name}" for member, value, std in each)
+            interval = f"{100 * e.level:g} % interval {interval_text(*e.interval, e.std)} {e.unit}"
+            lines.append(f"{e.name} is {ifs}; averaged {estimate_text(e.value, e.std, e.unit)}, {interval}.")
+        return lines
 
     @property
     def table(self) -> Table:
@@ -275,7 +285,7 @@ class ModelAverage(Tabular):
         names, level = ("std within", "std between", "std"), self.estimates[0].level
         stds = [Column(name, format=".2g") for name in names]
         columns = [Column("parameter"), Column("value", unknown=NOT_IDENTIFIABLE), *stds]
-        columns += [Column(f"{level:.0%} from"), Column("to"), Column("unit")]
+        columns += [Column(f"{100 * level:g} % from"), Column("to"), Column("unit")]
         columns += [Column(f"{member.name} ({member.weight:.2g})") for member in self.members]
         return Table.of(columns, [estimate.row() for estimate in self.estimates])
 

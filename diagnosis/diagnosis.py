@@ -289,12 +289,13 @@ class Diagnosis(Tabular):
         return Table.of(("effect", "verdict", *numbers, "reason"), rows)
 
     def remarks(self) -> list[str]:
-        """Alternatives to given effects, gravity's direction, disturbances, and where the residual is significant."""
+        """Doubt between effects, alternatives to given ones, gravity, disturbances, where a residual is significant."""
         alternatives = [alternative.sentence for alternative in self.given_alternatives]
         gravity = [] if self.gravity is None else [self.gravity.sentence]
         unexplained = [f"residual: {self.unexplained.where}"] if self.unexplained else []
         readings = [doubted.sentence for doubted in self.readings]
-        return [*readings, *alternatives, *gravity, *map(str, self.disturbances), *unexplained]
+        doubts = self.averaged.sentences
+        return [*readings, *doubts, *alternatives, *gravity, *map(str, self.disturbances), *unexplained]
 
     def printed(self) -> list[Table | str]:
         """Verdict, comparison with the first recording, candidate effects."""
@@ -334,6 +335,8 @@ class Diagnosis(Tabular):
         }
         data["readings"] = [doubted.to_data() for doubted in self.readings]
         data |= {} if self.gravity is None else {"gravity": self.gravity.to_data()}
+        of_several = len(self.averaged.members) > 1 or self.averaged.left_out
+        data |= {"averaged": self.averaged.to_data()} if of_several else {}
         data |= {"rows": [rows.to_data() for rows in self.rows_left_out]} if self.rows_left_out else {}
         plain: dict[str, Any] = finite(data)
         return plain

@@ -392,6 +392,12 @@ class ContactWrench(Tabular):
         return np.asarray(np.sqrt(variance if variance.ndim == 1 else variance.mean(axis=0)))
 
     @property
+    def between_rms(self) -> Array:
+        """Root mean square (p,) over the recording of the std between models that a diagnosis could not tell apart."""
+        between = np.zeros_like(self.wrench) if self.between is None else self.between
+        return np.asarray(np.sqrt((between**2).mean(axis=0)))
+
+    @property
     def floor(self) -> Array:
         """Std (p,) of one sample by the sensor's noise in the recordings of the fit."""
         variance = self.inverse_gain**2 @ self.calibration.floor**2
@@ -686,7 +692,14 @@ def compensate(
     own_axes = Axes.of_contact(calibration.model.space)
     wanted = own_axes if axes is None else axes_named(axes)
     members, weights = _members(calibration)
-    loads = [_FreeTool.of(member, recording) for member in members]
+    loads = [_FreeTool.of(members[0], recording)]
+    for member, other in zip(members[1:], calibration.alternatives, strict=True):
+        try:
+            loads.append(_FreeTool.of(member, recording))
+        except InputError as error:
+            what = f"{other.name}, which the diagnosis could not rule out, cannot be compensated: {error.what}"
+            remedy = f"{error.remedy}; or leave it out by --without-alternatives (alternatives=False)"
+            raise InputError(what=what, where=error.where, remedy=remedy) from None
     doubt = _rms_between(weights, [load.residual for load in loads], centred=not keep_zero)
     detection = detect_contacts(
         _mean(weights, [load.residual for load in loads]),
