@@ -24,7 +24,8 @@ from modeling.space import Space
 from tests.shared.recordings import recorded, recording_of
 from tests.shared.rigs import RIG
 from truewrench.files.model_file import as_model_file
-from truewrench.simulated_rig import HiddenEffect, PlanarRig, SensorCrosstalk, SensorGain, ViscousDrag, simulatefrom truewrench.text.diagnosis_text import diagnosis_text
+from truewrench.simulated_rig import HiddenEffect, PlanarRig, SensorCrosstalk, SensorGain, ViscousDrag, simulate
+from truewrench.text.diagnosis_text import diagnosis_text
 
 pytest.importorskip("mujoco")
 
@@ -100,7 +101,7 @@ def test_of_one_member_it_is_that_member() -> None:
 def test_doubtful_is_an_interval_that_is_wrong_twice_as_often_as_it_says(
     distance: float, weight: float, doubtful: bool
 ) -> None:
-    """Of a member nine std away the weight counts beside the 5 % that the interval leaves out, of a near one nothing."""
+    """Of a member nine std away the weight counts, beside the 5 % that are left out, of a near one nothing."""
     assert mixture([1 - weight, weight], [0.0, distance], [1.0, 1.0], [1e4, 1e4]).doubtful is doubtful
 
 
@@ -212,9 +213,7 @@ def test_the_doubt_is_said_beside_the_verdict() -> None:
 def test_a_parameter_of_one_member_alone_is_not_averaged() -> None:
     average = gain_or_leak().averaged
     assert not any(estimate.name.startswith(("sensor_gain", "sensor_crosstalk")) for estimate in average.estimates)
-    with pytest.raises(
-        InputError, match=r"no parameter of every member is called 'sensor_gain\.fy'; use one of"
-    ):
+    with pytest.raises(InputError, match=r"no parameter of every member is called 'sensor_gain\.fy'; use one of"):
         average["sensor_gain.fy"]
 
 
