@@ -61,8 +61,8 @@ def gain_or_leak(*, held_out: bool = False) -> Diagnosis:
 def mixture(weights: list[float], values: list[float], stds: list[float], freedoms: list[float]) -> AveragedEstimate:
     """With the members' own 95 % intervals."""
     half = student.ppf(0.975, freedoms) * np.array(stds)
-    numbers = (np.array(n) for n in (weights, values, stds, freedoms))
-    return AveragedEstimate("m", "kg", *numbers, np.array(values) - half, np.array(values) + half)
+    value, low, high = np.array(values), np.array(values) - half, np.array(values) + half
+    return AveragedEstimate("m", "kg", np.array(weights), value, np.array(stds), np.array(freedoms), low, high)
 
 
 # ---------------------------------------------------------------------------------------- one estimate
