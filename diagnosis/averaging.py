@@ -22,7 +22,7 @@ from estimation.contact.contact_wrench import Alternative, CalibratedModel
 from estimation.fit import Fit, as_reported
 from estimation.multiplicity import student_isf, student_sf
 from modeling.errors import InputError, quoted, suggestion
-from modeling.number_format import NOT_IDENTIFIABLE, digits_of, estimate_text, finite, interval_text
+from modeling.number_format import NOT_IDENTIFIABLE, as_sentence, digits_of, estimate_text, finite, interval_text
 from modeling.significance import LEVELS
 from modeling.table import Cell, Column, Table, Tabular, Value
 
@@ -35,6 +35,8 @@ PER_PARAMETER = 1.0
 """Added to the chi-square for each free parameter: by as much is it lower because that was fitted, so that the sum is
 the mean deviance over what the readings leave open. Two, as Akaike has it, or more would count simplicity as evidence,
 which the larger of two models that the readings do not tell apart then lacks (docs/decisions/averaging.md)."""
+MOST_ROUNDS = 5
+"""Refits, each from where the last one ended: six axes with thirty elements of crosstalk take a hundred steps."""
 MOST_MEMBERS = 12
 """Models that are refitted, those with the smallest chi-square first: a time limit, where two or more effects each have
 several others in their place."""
@@ -175,7 +177,9 @@ class ModelAverage(Tabular):
     members : tuple of Member
         The models with their weights, the one chosen first.
     left_out : tuple of str
-        Members that have no weight to speak of, or could not be fitted, as sentences.
+        Members that have no weight to speak of, as sentences.
+    unfitted : tuple of str
+        Members that could not be fitted to the readings, so that nothing is known of their weight, as sentences.
     tool_known : bool
         Whether the recordings say what the tool weighs.
 
@@ -202,6 +206,7 @@ class ModelAverage(Tabular):
 
     members: tuple[Member, ...]
     left_out: tuple[str, ...] = ()
+    unfitted: tuple[str, ...] = ()
     tool_known: bool = True
 
     @classmethod
@@ -217,7 +222,7 @@ class ModelAverage(Tabular):
 
         The `disturbances` are those of its held-out recordings. The centre of mass is averaged where the tool is known.
         """
-        exchanges, left_out = _exchanges(step, findings), list[str]()
+        exchanges, unfitted = _exchanges(step, findings), list[str]()
         replaced = list(dict.fromkeys(added for exchange in exchanges for added in exchange))
         chosen = " + ".join(replaced) or "the model chosen"
         members = [Member(chosen, step.fit, _evidence(step.tested, step.fit, step.validation, disturbances))]
@@ -226,17 +231,18 @@ class ModelAverage(Tabular):
             try:
                 tested = _refitted(step.tested, exchange)
                 fit = as_reported(tested)
+                evidence = _evidence(tested, fit, step.validation, disturbances)
             except InputError as error:
-                left_out.append(f"{name} is left out: {error.what}")
+                unfitted.append(f"not told apart, but left out: {name} ({error.what})")
                 continue
             if tested.converged and fit.converged:
-                members.append(Member(name, fit, _evidence(tested, fit, step.validation, disturbances)))
+                members.append(Member(name, fit, evidence))
             else:
-                left_out.append(f"{name} is left out: its refit to the readings has not converged")
+                unfitted.append(f"not told apart, but left out: {name}, whose refit has not converged")
         weighed = _weighed(members)
         light = [m for m in weighed[1:] if m.weight < LEAST_WEIGHT]
-        left_out += [f"{m.name} is left out: its weight is {m.weight:.1g}" for m in light]
-        return cls(_weighed([m for m in weighed if m not in light]), tuple(left_out), tool_known)
+        left_out = tuple(f"{m.name} is left out: its weight is {m.weight:.1g}" for m in light)
+        return cls(_weighed([m for m in weighed if m not in light]), left_out, tuple(unfitted), tool_known)
 
     @cached_property
     def estimates(self) -> tuple[AveragedEstimate, ...]:
@@ -267,9 +273,10 @@ class ModelAverage(Tabular):
 
     @property
     def sentences(self) -> list[str]:
-        """How probable each member is, then each doubtful parameter with each, and averaged; empty without any."""
+        """How probable each member is, then each doubtful parameter with each, and averaged; and what is not known."""
+        unknown = [as_sentence(f"{sentence}; nothing here has the doubt of it") for sentence in self.unfitted]
         if len(self.members) == 1 or not self.doubtful:
-            return []
+            return unknown
         chances = ", ".join(f"{member.name} {member.weight:.2g}" for member in self.members)
         lines = [f"Which of the indistinguishable effects is there (probability: {chances}) decides:"]
         for e in self.doubtful:
@@ -277,7 +284,7 @@ class ModelAverage(Tabular):
             ifs = ", ".join(f"{estimate_text(value, std, e.unit)} if {member.name}" for member, value, std in each)
             interval = f"{100 * e.level:g} % interval {interval_text(*e.interval, e.std)} {e.unit}"
             lines.append(f"{e.name} is {ifs}; averaged {estimate_text(e.value, e.std, e.unit)}, {interval}.")
-        return lines
+        return [*lines, *unknown]
 
     @property
     def table(self) -> Table:
@@ -292,14 +299,14 @@ class ModelAverage(Tabular):
     def remarks(self) -> list[str]:
         """What the weights are, which members are left out, and which parameters are doubtful."""
         if len(self.members) == 1:
-            return ["All weight is on the model chosen: these are its fit's.", *self.left_out]
+            return ["All weight is on the model chosen: these are its fit's.", *self.left_out, *self.unfitted]
         names = " and ".join(member.name for member in self.members)
         chance = (
             f"In brackets: how probable each of {names} is, if one of them is there, and each was as likely before."
         )
         doubtful = ", ".join(estimate.name for estimate in self.doubtful)
         doubt = f"The model chosen alone would be wrong more than twice as often as it says in {doubtful}."
-        return [chance, *self.left_out, *([doubt] if doubtful else [])]
+        return [chance, *self.left_out, *self.unfitted, *([doubt] if doubtful else [])]
 
     def to_data(self) -> dict[str, Any]:
         """Members and estimates as plain data."""
@@ -307,7 +314,7 @@ class ModelAverage(Tabular):
             "members": [member.to_data() for member in self.members],
             "level": self.estimates[0].level,
             "parameters": {estimate.name: estimate.to_data() for estimate in self.estimates},
-            "left_out": list(self.left_out),
+            "left_out": [*self.left_out, *self.unfitted],
         }
 
 
@@ -342,7 +349,12 @@ def _refitted(chosen: Fit, exchange: Exchange) -> Fit:
     for added, alias in exchange.items():
         model = model.without(added) + (alias.as_fitted or alias.effect)
         values |= alias.values
-    return chosen.refitted(model, values)
+    fitted = chosen.refitted(model, values)
+    for _ in range(MOST_ROUNDS - 1):
+        if fitted.converged:
+            break
+        fitted = fitted.refitted(model)
+    return fitted
 
 
 def _evidence(

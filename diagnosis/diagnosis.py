@@ -335,8 +335,9 @@ class Diagnosis(Tabular):
         }
         data["readings"] = [doubted.to_data() for doubted in self.readings]
         data |= {} if self.gravity is None else {"gravity": self.gravity.to_data()}
-        of_several = len(self.averaged.members) > 1 or self.averaged.left_out
-        data |= {"averaged": self.averaged.to_data()} if of_several else {}
+        average = self.averaged
+        of_several = len(average.members) > 1 or average.left_out or average.unfitted
+        data |= {"averaged": average.to_data()} if of_several else {}
         data |= {"rows": [rows.to_data() for rows in self.rows_left_out]} if self.rows_left_out else {}
         plain: dict[str, Any] = finite(data)
         return plain

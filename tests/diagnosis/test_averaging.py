@@ -14,17 +14,26 @@ from scipy.stats import t as student
 from diagnosis import averaging
 from diagnosis.averaging import AveragedEstimate, Member, ModelAverage, _weighed
 from diagnosis.diagnosis import Diagnosis, diagnose
-from estimation.fit import fit, solved
+from estimation.fit import Fit, fit, solved
 from estimation.least_squares.problem import Problem
 from estimation.recordings.recording import Recording
 from modeling.chain.model import planar
 from modeling.effects import named
 from modeling.errors import InputError
 from modeling.space import Space
-from tests.shared.recordings import recorded, recording_of
+from tests.shared.recordings import base, recorded, recording_of
 from tests.shared.rigs import RIG
 from truewrench.files.model_file import as_model_file
-from truewrench.simulated_rig import HiddenEffect, PlanarRig, SensorCrosstalk, SensorGain, ViscousDrag, simulate
+from truewrench.simulated_rig import (
+    HiddenEffect,
+    PlanarRig,
+    SensorCrosstalk,
+    SensorGain,
+    SensorRotation,
+    SpatialRig,
+    ViscousDrag,
+    simulate,
+)
 from truewrench.text.diagnosis_text import diagnosis_text
 
 pytest.importorskip("mujoco")
@@ -193,6 +202,39 @@ def test_a_member_without_weight_is_left_out_and_named(monkeypatch: pytest.Monke
     assert [(m.name, m.weight) for m in average.members] == [(GAIN, 1.0)]
     assert any("sensor_crosstalk is left out: its weight is 0." in sentence for sentence in average.left_out)
     assert average["m"].std == found.fit["m"].std
+
+
+def test_a_member_that_cannot_be_fitted_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither one without a solution nor one whose refits do not converge passes for one that is not there."""
+    found = gain_or_leak()
+
+    def refused(*_: object) -> Fit:
+        raise InputError(what="no solution", where="fit", remedy="")
+
+    def unfinished(chosen: Fit, *_: object) -> Fit:
+        return replace(chosen, converged=False)
+
+    for refitted, said in ((refused, "no solution"), (unfinished, "whose refit has not converged")):
+        monkeypatch.setattr(averaging, "_refitted", refitted)
+        average = ModelAverage.of(found.steps[-1], found.findings)
+        assert [m.weight for m in average.members] == [1.0]
+        (sentence,) = average.sentences
+        assert sentence.startswith("Not told apart, but left out: sensor_crosstalk")
+        assert said in sentence
+        assert said in average.to_data()["left_out"][0]
+
+
+@pytest.mark.long(4)
+def test_a_refit_goes_on_until_it_has_converged() -> None:
+    """Six axes turned by little: thirty leaks imitate it, and take more steps than one refit has."""
+    rig = SpatialRig(position_limit=(0.2, 0.3), velocity_limit=(0.4, 0.6), acceleration_limit=(2.0, 3.0))
+    motion = rig.random_motion(seed=1, period=4.0, harmonics=4)
+    frame = simulate(rig, motion, hidden=(SensorRotation(yaw=0.03),), repeats=4, samples_per_period=200, seed=11)
+    candidates = [named(i) for i in ("sensor_rotation", LEAK)]
+    average = diagnose(base(Space.SPACE), recording_of(frame, without=("temperature",)), effects=candidates).averaged
+    assert [m.name for m in average.members] == ["sensor_rotation", LEAK]
+    assert not average.unfitted
+    assert average["m"].std > 10 * average["m"].stds[0]
 
 
 def test_the_doubt_is_said_beside_the_verdict() -> None:

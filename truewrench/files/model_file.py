@@ -141,8 +141,9 @@ class ModelFile(NamedEstimates, Tabular):
         return parameter_table(self.parameters)
 
     def printed(self) -> list[Table | str]:
-        """The model, then its parameters."""
-        return [repr(self.model), self.table]
+        """The model, then its parameters, and which models the recordings did not tell apart from it."""
+        others = ", ".join(f"{name} (probability {weight:.2g})" for name, weight, _ in self.alternatives)
+        return [repr(self.model), self.table, *([f"Not told apart from {others}."] if others else [])]
 
     def misfit_warning(self, consequence: str) -> str:
         """That the model does not fit its recordings, and what follows; empty where it does, or was not tested.
