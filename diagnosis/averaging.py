@@ -20,6 +20,7 @@ from diagnosis.verdict.selection_step import SelectionStep
 from estimation.centre_of_mass import SIGNIFICANT, CentreOfMass
 from estimation.contact.contact_wrench import Alternative, CalibratedModel
 from estimation.fit import Fit, as_reported
+from estimation.fit_column_space import fit_column_space
 from estimation.multiplicity import student_isf, student_sf
 from modeling.errors import InputError, quoted, suggestion
 from modeling.number_format import NOT_IDENTIFIABLE, as_sentence, digits_of, estimate_text, finite, interval_text
@@ -35,6 +36,8 @@ PER_PARAMETER = 1.0
 """Added to the chi-square for each free parameter: by as much is it lower because that was fitted, so that the sum is
 the mean deviance over what the readings leave open. Two, as Akaike has it, or more would count simplicity as evidence,
 which the larger of two models that the readings do not tell apart then lacks (docs/decisions/averaging.md)."""
+ROUNDING = 1e-9
+"""Of a chi-square that two models differ by, which are one."""
 MOST_ROUNDS = 5
 """Refits, each from where the last one ended: six axes with thirty elements of crosstalk take a hundred steps."""
 MOST_MEMBERS = 12
@@ -49,18 +52,20 @@ class Member:
     """One of the models, fitted to the recordings of the diagnosis in their noise.
 
     name      ids of its effects that others have another in the place of
-    evidence  chi-square of all recordings, held-out ones too, plus `PER_PARAMETER` for each free parameter
+    deviance  mean of the chi-square of all recordings, held-out ones too, over what they leave open of its parameters
+    log_odds  natural logarithm of its weight over that of the model chosen
     """
 
     name: str
     fit: Fit
-    evidence: float
+    deviance: float
+    log_odds: float = 0.0
     weight: float = 1.0
 
     def to_data(self) -> dict[str, Any]:
-        """Effects, weight and evidence as plain data."""
+        """Effects, weight and mean deviance as plain data."""
         effects = [effect.id for effect in self.fit.model.effects]
-        return {"name": self.name, "weight": self.weight, "evidence": self.evidence, "effects": effects}
+        return {"name": self.name, "weight": self.weight, "deviance": self.deviance, "effects": effects}
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,10 +194,13 @@ class ModelAverage(Tabular):
     coordinates of the centre of mass in m, 0 where a member has it on the tip's axis. One of an effect that some
     members lack is not: it has a value only if that effect is there, which is in the `fit` of each member.
 
-    A member weighs exp(-D / 2), with D the mean of its chi-square over what the readings leave open of its parameters:
-    the least chi-square plus the number of free ones. An interval leaves equal tails of the mixture of the members'
-    Student's t distributions (model-averaged tail area: D. Turek and D. Fletcher, Comput. Stat. Data Anal. 56 (2012)
-    2809-2815). That of a single member is its own.
+    With D the mean of a member's chi-square over what the readings leave open of its parameters, the least chi-square
+    plus the number of free ones, and d by how much it is lower than that of the model chosen, their odds are
+    exp(d |d| / (2 |d| + s)). That is the likelihood ratio exp(d / 2) where |d| is large against s, the squared distance
+    |P - P'|² of the projections onto what each can fit: by fitting noise, d has a variance of 2 s.
+
+    An interval leaves equal tails of the mixture of the members' Student's t distributions (model-averaged tail area:
+    D. Turek and D. Fletcher, Comput. Stat. Data Anal. 56 (2012) 2809-2815). That of a single member is its own.
 
     Examples
     --------
@@ -225,18 +233,20 @@ class ModelAverage(Tabular):
         exchanges, unfitted = _exchanges(step, findings), list[str]()
         replaced = list(dict.fromkeys(added for exchange in exchanges for added in exchange))
         chosen = " + ".join(replaced) or "the model chosen"
-        members = [Member(chosen, step.fit, _evidence(step.tested, step.fit, step.validation, disturbances))]
+        members = [Member(chosen, step.fit, _mean_deviance(step.tested, step.fit, step.validation, disturbances))]
+        basis = _basis(step.tested) if exchanges else np.zeros((0, 0))
         for exchange in exchanges:
             name = " + ".join(exchange[i].effect.id if i in exchange else i for i in replaced)
             try:
                 tested = _refitted(step.tested, exchange)
                 fit = as_reported(tested)
-                evidence = _evidence(tested, fit, step.validation, disturbances)
+                deviance = _mean_deviance(tested, fit, step.validation, disturbances)
             except InputError as error:
                 unfitted.append(f"not told apart, but left out: {name} ({error.what})")
                 continue
             if tested.converged and fit.converged:
-                members.append(Member(name, fit, evidence))
+                odds = _log_odds(members[0].deviance - deviance, basis, _basis(tested))
+                members.append(Member(name, fit, deviance, odds))
             else:
                 unfitted.append(f"not told apart, but left out: {name}, whose refit has not converged")
         weighed = _weighed(members)
@@ -357,7 +367,7 @@ def _refitted(chosen: Fit, exchange: Exchange) -> Fit:
     return fitted
 
 
-def _evidence(
+def _mean_deviance(
     tested: Fit, fit: Fit, validation: Sequence[Comparison], disturbances: Sequence[RecordingDisturbance]
 ) -> float:
     """Of a model by its minimum in the noise of the search, and as it is reported.
@@ -366,20 +376,37 @@ def _evidence(
     that of the change of the estimates.
     """
     free = sum(not p.fixed for p in tested.unknowns) - len(tested.unidentifiable)
-    evidence = tested.problem.chi_square(tested.theta) + PER_PARAMETER * free
+    deviance = tested.problem.chi_square(tested.theta) + PER_PARAMETER * free
     for compared in validation:
         own = [d for d in disturbances if d.recording.is_reading_of(compared.recording)]
         start = {f"{d.effect.id}.{name}": e.value for d in own for name, e in d.parameters.items()}
         carried = validation_fit(fit, compared.recording, compared.noise, [d.effect for d in own], start)
         rows = carried.standardised_residual().rows
-        evidence += float(rows @ rows)
-    return evidence
+        deviance += float(rows @ rows)
+    return deviance
+
+
+def _basis(fit: Fit) -> Array:
+    """Orthonormal basis (rows, k) of what a model can fit of the whitened readings, to first order."""
+    space = fit_column_space(fit)
+    return space.basis_in(slice(0, len(space.residual)))
+
+
+def _log_odds(gain: float, chosen: Array, other: Array) -> float:
+    """Of a model to the one chosen, whose mean deviance is lower by `gain` or higher, by the bases (rows, k) of both.
+
+    The gain has the variance 4 l + 2 s about l where the other model is the true one, about -l where the one chosen is:
+    l is the separation of the two, s the squared distance of the projections, by which noise is fitted. The logarithm
+    of the odds is gain l / (2 l + s) then, with the size of the gain itself as estimate of l.
+    """
+    apart = chosen.shape[1] + other.shape[1] - 2 * float(((chosen.T @ other) ** 2).sum())
+    return float(gain * abs(gain) / (2 * abs(gain) + max(apart, ROUNDING)))
 
 
 def _weighed(members: Sequence[Member]) -> tuple[Member, ...]:
     """The members with weights that sum to one."""
-    evidence = np.array([member.evidence for member in members])
-    weights = np.exp((evidence.min() - evidence) / 2)
+    log_odds = np.array([member.log_odds for member in members])
+    weights = np.exp(log_odds - log_odds.max())
     return tuple(replace(m, weight=float(w)) for m, w in zip(members, weights / weights.sum(), strict=True))
 
 

@@ -12,7 +12,7 @@ from scipy.stats import binom
 from scipy.stats import t as student
 
 from diagnosis import averaging
-from diagnosis.averaging import AveragedEstimate, Member, ModelAverage, _weighed
+from diagnosis.averaging import AveragedEstimate, Member, ModelAverage, _log_odds, _weighed
 from diagnosis.diagnosis import Diagnosis, diagnose
 from estimation.fit import Fit, fit, solved
 from estimation.least_squares.problem import Problem
@@ -151,19 +151,23 @@ def test_nothing_is_averaged_where_nothing_is_confusable() -> None:
 
 
 def test_members_are_fits_of_the_readings_in_the_same_noise() -> None:
-    """Each is what `fit` says of that model in that noise, and the weights follow from the chi-squares."""
+    """Each is what `fit` says of that model in that noise, and the weights follow from chi-squares and projections."""
     found = gain_or_leak()
     average, chosen = found.averaged, found.fit
     assert [m.name for m in average.members] == [GAIN, LEAK]
-    mean_deviance = []
+    mean_deviance, projections = [], []
     for member in average.members:
         again = fit(planar(RIG) + named(member.name), chosen.recordings, noise=chosen.noise)
         np.testing.assert_allclose(member.fit.theta, again.theta, rtol=1e-5, atol=1e-6)
         residual = again.whitened_residual()
         mean_deviance.append(residual @ residual + len(again.theta))
-        assert member.evidence == pytest.approx(mean_deviance[-1], abs=1e-3)
-    ratio = np.exp((mean_deviance[0] - mean_deviance[1]) / 2)
-    assert average.members[1].weight / average.members[0].weight == pytest.approx(ratio, rel=1e-3)
+        assert member.deviance == pytest.approx(mean_deviance[-1], abs=1e-3)
+        derivative = again.linearised().whole
+        left, _, _ = np.linalg.svd(derivative / np.linalg.norm(derivative, axis=0), full_matrices=False)
+        projections.append(left @ left.T)
+    gain, apart = mean_deviance[0] - mean_deviance[1], np.linalg.norm(projections[0] - projections[1]) ** 2
+    odds = np.exp(gain * abs(gain) / (2 * abs(gain) + apart))
+    assert average.members[1].weight / average.members[0].weight == pytest.approx(odds, rel=1e-3)
     assert sum(m.weight for m in average.members) == pytest.approx(1, abs=1e-12)
 
 
@@ -183,16 +187,47 @@ def test_held_out_readings_count_as_fitted_ones() -> None:
         }
         joint = solved(Problem.of(member.fit.model, recordings, noise), member.fit.values | zero)
         together.append(joint.problem.chi_square(joint.theta) + len(joint.theta))
-    stated = [member.evidence for member in found.averaged.members[:2]]
+    stated = [member.deviance for member in found.averaged.members[:2]]
     assert stated[1] - stated[0] == pytest.approx(together[1] - together[0], rel=0.15, abs=0.15)
 
 
 def test_weights_are_relative_and_never_overflow() -> None:
     chosen = gain_or_leak().fit
-    members = [
-        Member(name, chosen, evidence) for name, evidence in (("a", 1e6), ("b", 1e6 + 2 * np.log(3)), ("c", 9e9))
-    ]
-    assert [m.weight for m in _weighed(members)] == pytest.approx([0.75, 0.25, 0.0], abs=1e-9)
+    members = [Member(name, chosen, 0.0, odds) for name, odds in (("a", 0.0), ("b", -np.log(3)), ("c", -9e9))]
+    assert [m.weight for m in _weighed(members)] == pytest.approx([0.75, 0.25, 0.0], abs=1e-12)
+    better = [Member("a", chosen, 0.0), Member("b", chosen, 0.0, 9e9)]
+    assert [m.weight for m in _weighed(better)] == [0.0, 1.0]
+
+
+@pytest.mark.parametrize("other", [0, 1])
+def test_odds_are_the_likelihood_ratio_where_chance_makes_no_difference(other: int) -> None:
+    """Of models that can fit the same; of one with a direction more a small difference is hardly any evidence."""
+    basis = np.eye(6)[:, :3]
+    same = _log_odds(5.0, basis, np.roll(basis, 0, axis=1))
+    assert same == pytest.approx(2.5)
+    assert _log_odds(-5.0, basis, basis) == pytest.approx(-2.5)
+    assert _log_odds(0.0, basis, basis) == 0.0
+    more = np.eye(6)[:, : 4 + other]
+    apart = 1 + other
+    assert _log_odds(2.0, basis, more) == pytest.approx(4 / (4 + apart))
+    assert _log_odds(2.0, basis, more) < 1.0
+
+
+def test_odds_are_calibrated() -> None:
+    """Of two models that are as likely beforehand: of the draws that are given odds so many are the other model.
+
+    Their chi-squares differ by l = 8 or -8, with the variance 4 l + 2 s. 4000 draws; bins of 300 or more, each to 0.08:
+    three std, and what estimating l makes of the odds.
+    """
+    separation, basis, more = 8.0, np.eye(9)[:, :2], np.eye(9)[:, :6]
+    rng = np.random.default_rng(2)
+    is_other = rng.random(4000) < 0.5
+    gain = np.where(is_other, 1, -1) * separation + np.sqrt(4 * separation + 2 * 4) * rng.standard_normal(4000)
+    stated = np.array([1 / (1 + np.exp(-_log_odds(float(g), basis, more))) for g in gain])
+    for low, high in ((0.0, 0.1), (0.1, 0.5), (0.5, 0.9), (0.9, 1.0)):
+        within = (stated >= low) & (stated < high)
+        assert within.sum() > 300
+        assert is_other[within].mean() == pytest.approx(stated[within].mean(), abs=0.08)
 
 
 def test_a_member_without_weight_is_left_out_and_named(monkeypatch: pytest.MonkeyPatch) -> None:
