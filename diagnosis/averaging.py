@@ -52,20 +52,21 @@ class Member:
     """One of the models, fitted to the recordings of the diagnosis in their noise.
 
     name      ids of its effects that others have another in the place of
-    deviance  mean of the chi-square of all recordings, held-out ones too, over what they leave open of its parameters
+    deviance  mean of the chi-square of all recordings, held-out ones too, over what they leave open of its parameters;
+              not a number where there is nothing to compare it with
     log_odds  natural logarithm of its weight over that of the model chosen
     """
 
     name: str
     fit: Fit
-    deviance: float
+    deviance: float = np.nan
     log_odds: float = 0.0
     weight: float = 1.0
 
     def to_data(self) -> dict[str, Any]:
         """Effects, weight and mean deviance as plain data."""
         effects = [effect.id for effect in self.fit.model.effects]
-        return {"name": self.name, "weight": self.weight, "deviance": self.deviance, "effects": effects}
+        return {"name": self.name, "weight": self.weight, "deviance": finite(self.deviance), "effects": effects}
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,10 +232,11 @@ class ModelAverage(Tabular):
         The `disturbances` are those of its held-out recordings. The centre of mass is averaged where the tool is known.
         """
         exchanges, unfitted = _exchanges(step, findings), list[str]()
+        if not exchanges:
+            return cls((Member("the model chosen", step.fit),), tool_known=tool_known)
         replaced = list(dict.fromkeys(added for exchange in exchanges for added in exchange))
-        chosen = " + ".join(replaced) or "the model chosen"
-        members = [Member(chosen, step.fit, _mean_deviance(step.tested, step.fit, step.validation, disturbances))]
-        basis = _basis(step.tested) if exchanges else np.zeros((0, 0))
+        deviance = _mean_deviance(step.tested, step.fit, step.validation, disturbances)
+        members, basis = [Member(" + ".join(replaced), step.fit, deviance)], _basis(step.tested)
         for exchange in exchanges:
             name = " + ".join(exchange[i].effect.id if i in exchange else i for i in replaced)
             try:
