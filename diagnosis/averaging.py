@@ -43,6 +43,8 @@ MOST_ROUNDS = 5
 MOST_MEMBERS = 12
 """Models that are refitted, those with the smallest chi-square first: a time limit, where two or more effects each have
 several others in their place."""
+CENTRE = "centre_of_mass."
+"""Before the name of an axis."""
 HALVINGS = 60
 """Of a bracket of a quantile: to the last digit."""
 
@@ -135,6 +137,11 @@ class AveragedEstimate:
         twice as frequent as stated.
         """
         return self.known and self.outside > 2 * (1 - self.level)
+
+    @property
+    def is_of_tool_line(self) -> bool:
+        """Whether it is the mass or a coordinate of the centre of mass, which one compares with scales and drawing."""
+        return self.name == "m" or self.name.startswith(CENTRE)
 
     def _below(self, end: float, *, or_at: bool = True) -> Array:
         """Probability (members,) that it is below an end, `or_at` it where a member fixes it there."""
@@ -285,18 +292,20 @@ class ModelAverage(Tabular):
 
     @property
     def sentences(self) -> list[str]:
-        """How probable each member is, then each doubtful parameter with each, and averaged; and what is not known."""
+        """How probable each member is, mass and centre of mass with each and averaged, what else is doubtful or unknown."""
         unknown = [as_sentence(f"{sentence}; nothing here has the doubt of it") for sentence in self.unfitted]
         if len(self.members) == 1 or not self.doubtful:
             return unknown
         chances = ", ".join(f"{member.name} {member.weight:.2g}" for member in self.members)
-        lines = [f"Which of the indistinguishable effects is there (probability: {chances}) decides:"]
-        for e in self.doubtful:
+        lines = [f"Which of the indistinguishable effects is there (probability: {chances}) decides what these are:"]
+        others = [e.name for e in self.doubtful if not e.is_of_tool_line]
+        for e in (e for e in self.doubtful if e.is_of_tool_line):
             each = zip(self.members, e.values.tolist(), e.stds.tolist(), strict=True)
             ifs = ", ".join(f"{estimate_text(value, std, e.unit)} if {member.name}" for member, value, std in each)
             interval = f"{100 * e.level:g} % interval {interval_text(*e.interval, e.std)} {e.unit}"
             lines.append(f"{e.name} is {ifs}; averaged {estimate_text(e.value, e.std, e.unit)}, {interval}.")
-        return [*lines, *unknown]
+        named = [f"{'also ' if len(lines) > 1 else ''}{', '.join(others)}, in `averaged`."] if others else []
+        return [*lines, *named, *unknown]
 
     @property
     def table(self) -> Table:
@@ -443,4 +452,4 @@ def _centre_of_mass(members: Sequence[Member]) -> Iterator[AveragedEstimate]:
         own = [dict(zip(c.axes, zip(c.value, c.std, strict=True), strict=True)).get(axis, (0.0, 0.0)) for c in centres]
         values, stds = np.array(own).T
         half = student_isf(0.5 - LEVELS.confidence / 2, freedoms) * stds
-        yield AveragedEstimate(f"centre {axis}", "m", weights, values, stds, freedoms, values - half, values + half)
+        yield AveragedEstimate(f"{CENTRE}{axis}", "m", weights, values, stds, freedoms, values - half, values + half)
