@@ -292,7 +292,7 @@ class ModelAverage(Tabular):
 
     @property
     def sentences(self) -> list[str]:
-        """How probable each member is, mass and centre of mass with each and averaged, what else is doubtful or unknown."""
+        """How probable each member is, mass and centre of mass with each and averaged, and what else is not known."""
         unknown = [as_sentence(f"{sentence}; nothing here has the doubt of it") for sentence in self.unfitted]
         if len(self.members) == 1 or not self.doubtful:
             return unknown
