@@ -64,6 +64,7 @@ from modeling.significance import LEVELS
 from modeling.table import Column, Table, Tabular
 
 if TYPE_CHECKING:
+    from diagnosis.averaging import ModelAverage
     from estimation.readings.doubted_reading import DoubtedReading
 
 
@@ -265,6 +266,14 @@ class Diagnosis(Tabular):
         return unknown_tool_reason(self.steps[-1].training, self.fit.model)
 
     @cached_property
+    def averaged(self) -> ModelAverage:
+        """The estimates with the doubt between the effects added and those that are confusable with them."""
+        from diagnosis.averaging import ModelAverage  # refits of their own, where there are such effects
+
+        known = not self.tool_unknown
+        return ModelAverage.of(self.steps[-1], self.findings, self.disturbances, tool_known=known)
+
+    @cached_property
     def slow_residuals(self) -> tuple[SlowResidual, ...]:
         """The significant slow parts of the residuals of single runs, with the final model."""
         return slow_residuals(self.steps[-1].training)
@@ -282,12 +291,13 @@ class Diagnosis(Tabular):
         return Table.of(("effect", "verdict", *numbers, "reason"), rows)
 
     def remarks(self) -> list[str]:
-        """Alternatives to given effects, gravity's direction, disturbances, and where the residual is significant."""
+        """Doubt between effects, alternatives to given ones, gravity, disturbances, where a residual is significant."""
         alternatives = [alternative.sentence for alternative in self.given_alternatives]
         gravity = [] if self.gravity is None else [self.gravity.sentence]
         unexplained = [f"residual: {self.unexplained.where}"] if self.unexplained else []
         readings = [doubted.sentence for doubted in self.readings]
-        return [*readings, *alternatives, *gravity, *map(str, self.disturbances), *unexplained]
+        doubts = self.averaged.sentences
+        return [*readings, *doubts, *alternatives, *gravity, *map(str, self.disturbances), *unexplained]
 
     def printed(self) -> list[Table | str]:
         """Verdict, comparison with the first recording, candidate effects."""
@@ -327,6 +337,9 @@ class Diagnosis(Tabular):
         }
         data["readings"] = [doubted.to_data() for doubted in self.readings]
         data |= {} if self.gravity is None else {"gravity": self.gravity.to_data()}
+        average = self.averaged
+        of_several = len(average.members) > 1 or average.left_out or average.unfitted
+        data |= {"averaged": average.to_data()} if of_several else {}
         data |= {"rows": [rows.to_data() for rows in self.rows_left_out]} if self.rows_left_out else {}
         plain: dict[str, Any] = finite(data)
         return plain

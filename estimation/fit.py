@@ -487,8 +487,8 @@ def with_ordinary_estimate(fitted: Fit) -> Fit:
     as it was, for tests, but for the std of one sample, which is that of the new residual: an estimate in
     near-integrated noise leaves a larger one.
     """
+    from estimation.confidence_intervals import covariance_in_noise, ordinary_estimate  # loads scipy.special
     from estimation.noise.noise_estimation import with_floor_of  # spectra: slow to import
-    from estimation.ordinary_estimate import covariance_in_noise, ordinary_estimate
 
     ordinary = ordinary_estimate(fitted, fitted.residuals)
     if ordinary is None:
@@ -509,8 +509,7 @@ def with_ordinary_estimate(fitted: Fit) -> Fit:
 def with_coloured_std(fitted: Fit) -> Fit:
     """The fit with the std of its intervals where the weights alone do not tell them: in the spectrum of the residual
     where a rig states the std of a run, but not its colour, and of repeats with the error of the weights."""
-    from estimation.confidence_intervals import may_be_coloured  # loads scipy.special
-    from estimation.ordinary_estimate import covariance_in_noise
+    from estimation.confidence_intervals import covariance_in_noise, may_be_coloured  # loads scipy.special
 
     parts = zip(fitted.recordings, fitted.noise, strict=True)
     if not any(

@@ -329,6 +329,11 @@ def compensate(commands: Subcommands[Any]) -> argparse.ArgumentParser:
     command.add_argument("--lag", type=duration, metavar="TIME", help=text)
     text = "with the budget of the model (fit --budget --out): its contributions are in every std, and in a table"
     command.add_argument("--budget", dest="with_budget", action="store_true", help=text)
+    text = (
+        "by the model that a diagnosis chose alone; by default the mean over those that it could not tell apart, every"
+        " std with what they differ by"
+    )
+    command.add_argument("--without-alternatives", action="store_true", help=text)
     text = "probability of any false contact in a recording without contact (default: %(default)s)"
     command.add_argument("--false-alarms", type=chance, metavar="P", default=LEVELS.contact, help=text)
     command.add_argument("--out", type=Path, metavar="CONTACT.csv", help="file for the contact wrench of each sample")

@@ -6,7 +6,7 @@ An alias is the best fit of another effect in the place of an added one to the n
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -143,12 +143,15 @@ class Alias:
     noncentrality  lambda of its best fit to the noise-free prediction: how far apart these motions place the two
     excess         by how much the chi-square of the readings is higher with it: how far apart these readings place them
     converged      whether that fit is a minimum; else, far above `LEVELS.confusable`, lambda is an upper bound
+    values         of that fit, of every parameter by name, and the effect `as_fitted`, on the tip axis or at any point
     """
 
     effect: Effect
     noncentrality: float
     excess: float
     converged: bool = True
+    values: Mapping[str, float] = field(default_factory=dict)
+    as_fitted: Effect | None = None
 
     @property
     def error_probability(self) -> float:
@@ -249,7 +252,8 @@ def _alias(
         return None
     difference = problem.residual(best.theta)
     excess = float(difference @ difference + 2 * (residual @ difference))
-    return Alias(screening.effect, best.noncentrality, excess, best.converged)
+    values = dict(zip((p.name for p in unknowns.parameters), best.theta.tolist(), strict=True))
+    return Alias(screening.effect, best.noncentrality, excess, best.converged, values, effect)
 
 
 # Alternatives to the effects that a model was given with: others that fit as well, or better, in their place.

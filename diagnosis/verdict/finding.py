@@ -229,7 +229,7 @@ class Finding(Tabular):
                     None where the noise is taken from the residual, so that there is no such excess
     detectable      changes of its amplitudes that are detected with 80 % power, where they are as `detectable_at`
     confusable_with ids of its aliases (of an alias: the added effect)
-    closest         of an added effect: the other one that imitates it best, None where no other is significant there
+    aliases         of an added effect: the others that are significant in its place, the closest first
     reason          why it is not supported, empty when that is its p-value
     """
 
@@ -241,8 +241,13 @@ class Finding(Tabular):
     confusable_with: tuple[str, ...]
     reason: str
     parameters: Mapping[str, Estimate]
-    closest: Alias | None = None
+    aliases: tuple[Alias, ...] = ()
     detectable_at: NuisanceValues = field(default_factory=dict)
+
+    @property
+    def closest(self) -> Alias | None:
+        """Of an added effect: the other one that imitates it best, None where no other is significant there."""
+        return next(iter(self.aliases), None)
 
     @property
     def significant_share(self) -> float | None:
@@ -308,7 +313,7 @@ def judge_effects(
             error_removed=float(share),
             confusable_with=tuple(a.effect.id for a in close.get(evidence.id, ())),
             parameters={p.name: fit.parameters[p.name] for p in evidence.screening.effect.qualified(space)},
-            closest=next(iter(aliases.get(evidence.id, ())), None),
+            aliases=tuple(aliases.get(evidence.id, ())),
         )
         for evidence, share in zip(_evidence_on_added(final, steps, rejections), removed, strict=True)
     ]
@@ -335,14 +340,14 @@ def _finding(
     error_removed: float | None,
     confusable_with: tuple[str, ...],
     parameters: Mapping[str, Estimate],
-    closest: Alias | None = None,
+    aliases: tuple[Alias, ...] = (),
 ) -> Finding:
     """The finding on an effect, by the first rule that applies to its evidence."""
     verdict, reason = judge(rules, evidence)
     screening, its = evidence.screening, _by_short_name(parameters)
     detectable, place = _by_short_name(screening.detectable), _by_short_name(screening.detectable_at)
     effect = screening.effect
-    return Finding(effect, verdict, p_value, error_removed, detectable, confusable_with, reason, its, closest, place)
+    return Finding(effect, verdict, p_value, error_removed, detectable, confusable_with, reason, its, aliases, place)
 
 
 def _amounts(screening: ScoreTest, space: Space) -> dict[str, Estimate]:

@@ -6,7 +6,7 @@ Equation numbers: chapter 22, "Characterization of the Dynamical Model of a Forc
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Protocol, Self
@@ -25,7 +25,7 @@ from estimation.contact.contact_detection import (
 )
 from estimation.fit import Fit, require_recording
 from estimation.least_squares.estimates import EstimatedModel, fixed_parameters
-from estimation.model_response import model_response, predicted_readings
+from estimation.model_response import ModelResponse, model_response, predicted_readings
 from estimation.multiplicity import chi2_sf
 from estimation.recordings.recording import Recording
 from estimation.streaming.streamed_fit import StreamedFit
@@ -232,6 +232,7 @@ class CalibratedModel:
     floor       (p,) std of one sample, in the channels' units
     remainder   (p,) RMS of the systematic residual: the part that noise does not explain
     contributions   what the covariance is the sum of, by name, where it is that of a budget
+    alternatives    models that a diagnosis could not tell apart from this one
     """
 
     model: WrenchModel
@@ -240,6 +241,7 @@ class CalibratedModel:
     floor: Array
     remainder: Array
     contributions: Mapping[str, Array] = field(default_factory=dict)
+    alternatives: tuple[Alternative, ...] = ()
 
     @classmethod
     def of(cls, fitted: Fit | StreamedFit) -> Self:
@@ -278,6 +280,19 @@ class CalibratedModel:
     def known(self) -> NDArray[np.bool_]:
         """Which parameters (k,) were identifiable, or fixed."""
         return np.isfinite(np.diag(self.covariance))
+
+
+@dataclass(frozen=True, eq=False)
+class Alternative:
+    """A model that a diagnosis could not tell apart from the one that it chose.
+
+    name    ids of its effects in the place of the chosen model's
+    weight  its probability; that of the chosen model is what these leave of one
+    """
+
+    name: str
+    weight: float
+    calibration: CalibratedModel
 
 
 def systematic_residual_rms(fitted: Fit, number: int) -> Array:
@@ -320,6 +335,8 @@ class ContactWrench(Tabular):
     inertial    components that an inertial unit's accelerations enter, where it has a lag
     unsmoothed  without the lag, where it has one
     contributions   variance (n, p) by name, of what a budget has besides the noise: parameters, zero, what was stated
+    between     (n, p) std between the models that a diagnosis could not tell apart, which the covariance has in it; the
+                wrench is their mean, the zero and what is detected are that of the mean. None of one model
     """
 
     recording: Recording
@@ -339,6 +356,7 @@ class ContactWrench(Tabular):
     inertial: tuple[str, ...] = ()
     unsmoothed: ContactWrench | None = None
     contributions: Mapping[str, Array] = field(default_factory=dict)
+    between: Array | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -373,6 +391,12 @@ class ContactWrench(Tabular):
         """Std (p,) of one sample's noise, in base axes and at a lag its root mean square over the recording."""
         variance = np.diagonal(self.noise, axis1=-2, axis2=-1)
         return np.asarray(np.sqrt(variance if variance.ndim == 1 else variance.mean(axis=0)))
+
+    @property
+    def between_rms(self) -> Array:
+        """Root mean square (p,) over the recording of the std between models that a diagnosis could not tell apart."""
+        between = np.zeros_like(self.wrench) if self.between is None else self.between
+        return np.asarray(np.sqrt((between**2).mean(axis=0)))
 
     @property
     def floor(self) -> Array:
@@ -424,8 +448,9 @@ class ContactWrench(Tabular):
     @property
     def predicted(self) -> Array:
         """Readings (n, p) that the model predicts, with the zero of this recording, in the readings' sign and axes."""
-        fitted = self.calibration.without_recording_specific
-        return predicted_readings(fitted.model, self.recording, fitted.theta) + self.zero_shift
+        members, weights = _members(self.calibration)
+        each = [predicted_readings(one.model, self.recording, one.theta) for one in members]
+        return _mean(weights, each) + self.zero_shift
 
     @property
     def std(self) -> Array:
@@ -599,14 +624,17 @@ def compensate(
     false_alarms: float = LEVELS.contact,
     axes: Axes | str | None = None,
     lag: float | None = None,
+    alternatives: bool = True,
 ) -> ContactWrench:
     """The contact wrench of a recording: its readings less the fitted tool's load.
 
     Parameters
     ----------
-    fitted : Fit, StreamedFit, CalibratedModel, ModelFile or Budget
+    fitted : Fit, StreamedFit, CalibratedModel, ModelFile, Budget or ModelAverage
         The fitted model of the tool, or what `load` gives; recording-specific effects are dropped. With a budget its
-        contributions are in the covariance, as wrong as they were in the fit.
+        contributions are in the covariance, as wrong as they were in the fit. Of models that a diagnosis could not
+        tell apart (`diagnosis.averaged`, or its model file) the wrench is the mean, and the covariance has what they
+        differ by in it.
     recording : Recording
         Recording with contact, with the model's channels.
     keep_zero : bool, optional
@@ -625,6 +653,8 @@ def compensate(
         itself. Accelerations of an inertial unit (`imu_ax`, `imu_ay`, `imu_az`) enter where they make the noise lower.
         Zero, contacts and their means stay those of the readings. No std covers the blur of a contact that begins or
         ends within the lag; at the ends of a run the lag is shorter, and the noise larger.
+    alternatives : bool, optional
+        Whether models that a diagnosis could not tell apart from the fitted one count, by default True.
 
     Returns
     -------
@@ -659,48 +689,130 @@ def compensate(
     [(1.5, 2.5), (6.5, 7.5), (11.5, 12.5), (16.5, 17.5)]
     """
     _require_order(fitted, recording)
-    own_axes = Axes.of_contact(_calibration(fitted).model.space)
+    calibration = _calibration(fitted)
+    calibration = calibration if alternatives else replace(calibration, alternatives=())
+    own_axes = Axes.of_contact(calibration.model.space)
     wanted = own_axes if axes is None else axes_named(axes)
-    calibration = _calibration(fitted).without_recording_specific
-    from estimation.readings.static_dwells import sampled  # compiles the rigid tool, as what follows does
-
-    recording = prepared(sampled(recording, calibration.model), calibration.model)
-    response = model_response(calibration.model, recording, calibration.theta)
-    gain, slopes = contact_gain_at(calibration.model, calibration.theta, _mean_temperature(recording))
-    biases = np.arange(len(calibration.model.biases))
-    residual = recording.wrench - response.value
+    members, weights = _members(calibration)
+    loads = [_FreeTool.of(members[0], recording)]
+    for member, other in zip(members[1:], calibration.alternatives, strict=True):
+        try:
+            loads.append(_FreeTool.of(member, recording))
+        except InputError as error:
+            what = f"{other.name}, which the diagnosis could not rule out, cannot be compensated: {error.what}"
+            remedy = f"{error.remedy}; or leave it out by --without-alternatives (alternatives=False)"
+            raise InputError(what=what, where=error.where, remedy=remedy) from None
+    doubt = _rms_between(weights, [load.residual for load in loads], centred=not keep_zero)
     detection = detect_contacts(
-        residual,
-        recording.dt,
+        _mean(weights, [load.residual for load in loads]),
+        loads[0].recording.dt,
         floor=calibration.floor,
-        remainder=calibration.remainder,
-        zero=np.zeros(len(biases)) if keep_zero else None,
+        remainder=np.hypot(calibration.remainder, doubt),
+        zero=np.zeros(len(calibration.model.biases)) if keep_zero else None,
         false_alarms=false_alarms,
     )
-    inverse = np.linalg.inv(gain)
-    wrench = (residual - detection.zero) @ inverse.T
-    tangent = response.derivative
-    if not keep_zero:
-        tangent = tangent - tangent[detection.free].mean(axis=0)
-    # From reading = value(theta) + gain(theta) contact: d contact = -gain^-1 (d value + d gain contact).
-    tangent = -np.einsum("ij,njk->nik", inverse, tangent + np.einsum("ijk,nj->nik", slopes, wrench))
-    contact = ContactWrench(
-        recording=recording,
+    if len(members) > 1:  # what they differ by is in the covariance by itself, sample by sample
+        noise = replace(detection.noise, constant=calibration.remainder**2)
+        of_zero = detection.zero_covariance - (0.0 if keep_zero else np.diag(doubt**2))
+        detection = replace(detection, noise=noise, zero_covariance=of_zero)
+    each = [load.contact(detection, keep_zero=keep_zero, tip_length=tip_length, axes=wanted, lag=lag) for load in loads]
+    return each[0] if len(each) == 1 else _averaged(each, weights, calibration)
+
+
+@dataclass(frozen=True, eq=False)
+class _FreeTool:
+    """A recording beside what a model's tool reads without contact: measured minus predicted `residual` (n, p)."""
+
+    calibration: CalibratedModel
+    recording: Recording
+    response: ModelResponse
+    residual: Array
+
+    @classmethod
+    def of(cls, calibration: CalibratedModel, recording: Recording) -> _FreeTool:
+        """Of a model without recording-specific effects."""
+        from estimation.readings.static_dwells import sampled  # compiles the rigid tool, as what follows does
+
+        recording = prepared(sampled(recording, calibration.model), calibration.model)
+        response = model_response(calibration.model, recording, calibration.theta)
+        return cls(calibration, recording, response, recording.wrench - response.value)
+
+    def contact(
+        self, detection: ContactDetection, *, keep_zero: bool, tip_length: float | None, axes: Axes, lag: float | None
+    ) -> ContactWrench:
+        """The contact wrench by this model, its own zero where the tool is free."""
+        calibration = self.calibration
+        if not keep_zero:
+            detection = replace(detection, zero=self.residual[detection.free].mean(axis=0))
+        gain, slopes = contact_gain_at(calibration.model, calibration.theta, _mean_temperature(self.recording))
+        inverse = np.linalg.inv(gain)
+        wrench = (self.residual - detection.zero) @ inverse.T
+        tangent = self.response.derivative
+        if not keep_zero:
+            tangent = tangent - tangent[detection.free].mean(axis=0)
+        # From reading = value(theta) + gain(theta) contact: d contact = -gain^-1 (d value + d gain contact).
+        tangent = -np.einsum("ij,njk->nik", inverse, tangent + np.einsum("ijk,nj->nik", slopes, wrench))
+        own_axes = Axes.of_contact(calibration.model.space)
+        contact = ContactWrench(
+            recording=self.recording,
+            calibration=calibration,
+            detection=detection,
+            wrench=wrench,
+            noise=inverse @ detection.covariance @ inverse.T,
+            systematic_covariance=_systematic(calibration, tangent) + inverse @ detection.zero_covariance @ inverse.T,
+            zero_shift=detection.zero,
+            group_delay=group_delay(calibration.model, calibration.theta),
+            unknown=_unidentified_parameters(calibration, tangent),
+            tip_length=_tip_length(self.recording, tip_length),
+            axes=own_axes,
+            contributions=_contributions(calibration, tangent, inverse @ detection.zero_covariance @ inverse.T),
+        )
+        if lag is not None:
+            contact = _smoothed(contact, lag)
+        return contact if axes is own_axes else _along(contact, axes, tangent)
+
+
+def _members(calibration: CalibratedModel) -> tuple[list[CalibratedModel], list[float]]:
+    """A model and its alternatives, without recording-specific effects, and their weights."""
+    others = calibration.alternatives
+    alone = replace(calibration, alternatives=())
+    members = [one.without_recording_specific for one in (alone, *(other.calibration for other in others))]
+    return members, [1 - sum(other.weight for other in others), *(other.weight for other in others)]
+
+
+def _mean(weights: Sequence[float], each: Sequence[Array]) -> Array:
+    """Weighted mean of arrays of one shape."""
+    return np.asarray(sum(weight * one for weight, one in zip(weights, each, strict=True)))
+
+
+def _rms_between(weights: Sequence[float], each: Sequence[Array], *, centred: bool) -> Array:
+    """Root mean square (p,) over a recording of the std between residuals (n, p), about their own means if centred."""
+    apart = [one - each[0] for one in each]
+    apart = [one - one.mean(axis=0) for one in apart] if centred else apart
+    mean = _mean(weights, apart)
+    return np.asarray(np.sqrt(_mean(weights, [(one - mean) ** 2 for one in apart]).mean(axis=0)))
+
+
+def _averaged(each: Sequence[ContactWrench], weights: Sequence[float], calibration: CalibratedModel) -> ContactWrench:
+    """The mean of contact wrenches by several models, the covariance with what they differ by."""
+    first = each[0]
+    wrench = _mean(weights, [one.wrench for one in each])
+    apart = [one.wrench - wrench for one in each]
+    along_tip = [one.along_tip for one in each if one.along_tip is not None] or None
+    unsmoothed = [one.unsmoothed for one in each if one.unsmoothed is not None] or None
+    between = _mean(weights, [own[:, :, None] * own[:, None, :] for own in apart])
+    return replace(
+        first,
         calibration=calibration,
-        detection=detection,
         wrench=wrench,
-        noise=inverse @ detection.covariance @ inverse.T,
-        systematic_covariance=_systematic(calibration, tangent) + inverse @ detection.zero_covariance @ inverse.T,
-        zero_shift=detection.zero,
-        group_delay=group_delay(calibration.model, calibration.theta),
-        unknown=_unidentified_parameters(calibration, tangent),
-        tip_length=_tip_length(recording, tip_length),
-        axes=own_axes,
-        contributions=_contributions(calibration, tangent, inverse @ detection.zero_covariance @ inverse.T),
+        noise=_mean(weights, [one.noise for one in each]),
+        systematic_covariance=_mean(weights, [one.systematic_covariance for one in each]) + between,
+        zero_shift=_mean(weights, [one.zero_shift for one in each]),
+        unknown={name: amount for one in each for name, amount in one.unknown.items()},
+        between=np.sqrt(np.diagonal(between, axis1=1, axis2=2)),
+        along_tip=along_tip and _averaged(along_tip, weights, calibration),
+        unsmoothed=unsmoothed and _averaged(unsmoothed, weights, calibration),
     )
-    if lag is not None:
-        contact = _smoothed(contact, lag)
-    return contact if wanted is own_axes else _along(contact, wanted, tangent)
 
 
 def _mean_temperature(recording: Recording) -> float | None:

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from estimation.confidence_intervals import SMALLEST_SIZE, upper_noise
 from estimation.least_squares.problem import Solution
-from estimation.ordinary_estimate import SMALLEST_SIZE, upper_noise
 from estimation.reading.recording_check import checked
 from estimation.recordings.column_table import ColumnTable, table_file
 from estimation.recordings.differentiation import Derivatives, TrueSamples

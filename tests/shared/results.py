@@ -60,6 +60,7 @@ RESULTS: dict[str, Callable[[], Any]] = {
     "model comparison": cache(lambda: tw.compare([fitted(), fitted()], drag_and_leak(501))),
     "diagnosis": diagnosed,
     "finding": lambda: diagnosed().findings[0],
+    "average": lambda: diagnosed().averaged,
     "step": lambda: diagnosed().steps[-1],
     "contact": cache(lambda: tw.compensate(fitted(), drag_and_leak(501))),
     "robust": cache(lambda: tw.robust_fit(tw.planar(RIG), drag_and_leak(1))),

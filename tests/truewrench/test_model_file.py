@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import json
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -115,6 +116,56 @@ def test_a_fit_becomes_a_file_and_its_unseen_parameter_has_no_std() -> None:
     assert ModelFile.from_text(saved.to_text()).to_text() == saved.to_text()
 
 
+def doubted() -> ModelFile:
+    """A file with an alternative in it."""
+    other = model_file(Space.PLANE, effects=(BiasDrift(degree=1),))
+    return replace(model_file(Space.PLANE, effects=(ViscousDrag(),)), alternatives=(("bias_drift", 0.3, other),))
+
+
+def test_alternatives_come_back_with_their_weight() -> None:
+    written = doubted()
+    read = ModelFile.from_text(written.to_text())
+    assert read.to_text() == written.to_text()
+    ((name, weight, other),) = read.alternatives
+    assert (name, weight) == ("bias_drift", 0.3)
+    assert other.rig is not None
+    assert read.rig is not None
+    assert other.rig.to_data() == read.rig.to_data()
+    assert [effect.id for effect in other.model.effects] == ["bias_drift"]
+    (alternative,) = read.calibration.alternatives
+    np.testing.assert_array_equal(alternative.calibration.covariance, other.covariance)
+    assert (alternative.name, alternative.weight) == ("bias_drift", 0.3)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"weight": 1.0}, "alternatives[0].weight"),
+        ({"weight": None}, "alternatives[0].weight"),
+        ({"name": "two\nlines"}, "alternatives[0].name"),
+        ({"model": {}}, "alternatives: bias_drift: base"),
+        ({"model": {"convention": "on_tool"}}, "alternatives: they have other axes or signs"),
+        ({"model": {"alternatives": doubted().to_data()["alternatives"]}}, "or alternatives of their own"),
+    ],
+)
+def test_an_alternative_that_cannot_be_is_named_in_one_line(change: dict[str, Any], said: str) -> None:
+    data = doubted().to_data()
+    (stated,) = data["alternatives"]
+    model = change.get("model")
+    stated |= change if not model else {"model": stated["model"] | model}
+    with pytest.raises(InputError) as caught:
+        ModelFile.from_data(data, where="model.json")
+    assert said in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_weights_leave_some_to_the_model() -> None:
+    data = doubted().to_data()
+    data["alternatives"] = data["alternatives"] * 4
+    with pytest.raises(InputError, match="their weights leave none to the model"):
+        ModelFile.from_data(data)
+
+
 def changed(path: tuple[str | int, ...], value: Any) -> Any:
     """The data of a file with one of its places changed."""
     data: Any = model_file(Space.PLANE).to_data()
@@ -182,7 +233,9 @@ def test_a_missing_file_is_refused(tmp_path: Path) -> None:
 
 # ------------------------------------------------------------------------------------- any damage
 
-WHOLE = model_file(Space.PLANE, effects=(BiasDrift(degree=1), ViscousDrag())).to_data()
+WHOLE = replace(
+    model_file(Space.PLANE, effects=(BiasDrift(degree=1), ViscousDrag())), alternatives=doubted().alternatives
+).to_data()
 
 
 def places(data: Any, path: tuple[str | int, ...] = ()) -> Iterator[tuple[str | int, ...]]:

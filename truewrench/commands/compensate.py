@@ -68,6 +68,7 @@ def compensated(arguments: argparse.Namespace, saved: ModelFile, recording: Reco
         false_alarms=arguments.false_alarms,
         axes=arguments.axes,
         lag=arguments.lag,
+        alternatives=not arguments.without_alternatives,
     )
 
 
@@ -184,6 +185,10 @@ def contact_data(contact: ContactWrench) -> dict[str, Any]:
             for m in contact.means
         ],
     }
+    if contact.between is not None:
+        others = contact.calibration.alternatives
+        data["alternatives"] = [{"name": other.name, "weight": other.weight} for other in others]
+        data["between"] = _by_name(contact.names, contact.between_rms)
     return dict(finite(data))
 
 
@@ -222,6 +227,14 @@ def contact_text(contact: ContactWrench) -> str:
             f" {single}."
             + " So near the beginning and end of a contact it is between both, which no std covers."
             * bool(count)
+        )
+    if contact.between is not None:
+        others = ", ".join(f"{other.name} {other.weight:.2g}" for other in contact.calibration.alternatives)
+        between = zip(contact.names, contact.between_rms, space.units, strict=True)
+        lines.append(
+            f"Mean over models that the diagnosis could not tell apart (probability of the others: {others}); they"
+            f" differ by a std of {', '.join(f'{n} {v:.2g} {u}' for n, v, u in between)}, which every std has in it."
+            " --without-alternatives takes the one chosen."
         )
     if contact.inertial:
         lines.append(f"Accelerations of the inertial unit enter {', '.join(contact.inertial)}.")

@@ -19,7 +19,7 @@ from pydantic import Field
 from estimation.budget import OF_LOAD, Budget, Source, named_or_stated
 from estimation.budget_table import TYPE_A, Contribution, Size, Statement
 from estimation.centre_of_mass import centre_of_mass_data
-from estimation.contact.contact_wrench import CalibratedModel
+from estimation.contact.contact_wrench import Alternative, CalibratedModel
 from estimation.fit import Fit, predicted_frame, require_recording
 from estimation.least_squares.estimates import (
     Estimate,
@@ -50,6 +50,7 @@ from truewrench.files.output import atomic_write
 if TYPE_CHECKING:
     import pandas as pd
 
+    from diagnosis.averaging import ModelAverage
     from estimation.recordings.recording import Recording
 
 Array = NDArray[np.float64]
@@ -78,6 +79,7 @@ class ModelFile(NamedEstimates, Tabular):
     tool_unknown  why the recordings do not say what the tool weighs; empty where they do, or it was not tested
     mended_as     what the readings mean by which the recordings were mended before the fit (`--read`), as clauses
     budget        of uncertainty, of the model's parameters; None without one
+    alternatives  models that a diagnosis could not tell apart from this one, each with its name and its weight
     """
 
     model: WrenchModel
@@ -92,6 +94,7 @@ class ModelFile(NamedEstimates, Tabular):
     tool_unknown: str = ""
     mended_as: tuple[str, ...] = ()
     budget: Budget | None = None
+    alternatives: tuple[tuple[str, float, ModelFile], ...] = ()
 
     @classmethod
     def of(
@@ -138,8 +141,9 @@ class ModelFile(NamedEstimates, Tabular):
         return parameter_table(self.parameters)
 
     def printed(self) -> list[Table | str]:
-        """The model, then its parameters."""
-        return [repr(self.model), self.table]
+        """The model, then its parameters, and which models the recordings did not tell apart from it."""
+        others = ", ".join(f"{name} (probability {weight:.2g})" for name, weight, _ in self.alternatives)
+        return [repr(self.model), self.table, *([f"Not told apart from {others}."] if others else [])]
 
     def misfit_warning(self, consequence: str) -> str:
         """That the model does not fit its recordings, and what follows; empty where it does, or was not tested.
@@ -190,6 +194,7 @@ class ModelFile(NamedEstimates, Tabular):
             covariance=self.covariance,
             floor=np.array([self.noise_floor[c] for c in self.model.channels]),
             remainder=np.array([self.remainder[c] for c in self.model.channels]),
+            alternatives=tuple(Alternative(name, weight, one.calibration) for name, weight, one in self.alternatives),
         )
 
     @classmethod
@@ -235,6 +240,8 @@ class ModelFile(NamedEstimates, Tabular):
             tool_unknown=table.tool_unknown,
             mended_as=tuple(table.mended_as or ()),
         )
+        if table.alternatives is not None:
+            return replace(read, alternatives=_alternatives(table, read, where))
         return read if table.budget is None else replace(read, budget=_budget(table.budget, table, read, where))
 
     def to_data(self) -> dict[str, Any]:
@@ -266,6 +273,7 @@ class ModelFile(NamedEstimates, Tabular):
             **({"tool_unknown": self.tool_unknown} if self.tool_unknown else {}),
             **({"mended_as": list(self.mended_as)} if self.mended_as else {}),
             **({} if self.budget is None else {"budget": _budget_data(self.budget)}),
+            **({"alternatives": [_alternative_data(*one) for one in self.alternatives]} if self.alternatives else {}),
             "rig": None if self.rig is None else self.rig.to_data(),
         }
 
@@ -301,7 +309,10 @@ def as_model_file(given: Fitted, where: str) -> ModelFile:
     if not isinstance(fitted, Fit):
         remedy = f"give a fit: tw.{where}(tw.fit(model, recording), ..); or a study, a diagnosis or a loaded model"
         raise InputError(what=f"{kind_of(given)} is no fitted model", where=where, remedy=remedy)
-    return ModelFile.of(fitted, given.misfitting, given.tool_unknown, given.readings)
+    file = ModelFile.of(fitted, given.misfitting, given.tool_unknown, given.readings)
+    average: ModelAverage | None = getattr(given, "averaged", None)  # a study has none
+    others = () if average is None else average.members[1:]
+    return replace(file, alternatives=tuple((one.name, one.weight, ModelFile.of(one.fit)) for one in others))
 
 
 def save(fit: Fitted, path: str | Path) -> Path:
@@ -476,6 +487,12 @@ class _Budget(StrictTable):
     sources: list[_Source]
 
 
+class _Alternative(StrictTable):
+    name: Line
+    weight: Annotated[float, Field(gt=0, lt=1)]
+    model: dict[str, Any]
+
+
 class _Model(StrictTable):
     format: Literal["truewrench model"]
     version: Literal[1]
@@ -498,6 +515,7 @@ class _Model(StrictTable):
     tool_unknown: Line = ""
     mended_as: list[Line] | None = None
     budget: _Budget | None = None
+    alternatives: Annotated[list[_Alternative], Field(min_length=1)] | None = None
     rig: dict[str, Any] | None
 
 
@@ -613,6 +631,37 @@ def _budget(table: _Budget, model: _Model, read: ModelFile, where: str) -> Budge
     freedom = np.array(table.freedom)[order]
     statement = Statement(tuple(stated.values()), table.coverage)
     return Budget.of(read.calibration, read.parameters, freedom, tuple(table.held), effects, sources, statement)
+
+
+OF_THE_FILE = ("format", "version", "fitted_on", "rig")
+"""Keys of a model file that its alternatives share."""
+
+
+def _alternatives(table: _Model, read: ModelFile, where: str) -> tuple[tuple[str, float, ModelFile], ...]:
+    """The alternatives to what was read: models of the same readings, whose weights leave some to it."""
+    place, stated = f"{where}: alternatives", table.alternatives or []
+    if table.budget is not None:
+        raise InputError(what="a model has a budget or alternatives, not both", where=place, remedy=REMEDY)
+    if sum(one.weight for one in stated) >= 1:
+        raise InputError(what="their weights leave none to the model", where=place, remedy=REMEDY)
+    shared = {"format": FORMAT, "version": VERSION, "rig": table.rig}
+    models = [ModelFile.from_data(one.model | shared, where=f"{place}: {one.name[:40]}") for one in stated]
+    frame = _frame(read.model)
+    if any(_frame(model.model) != frame or model.alternatives or model.budget is not None for model in models):
+        what = "they have other axes or signs than the model, or alternatives of their own"
+        raise InputError(what=what, where=place, remedy=REMEDY)
+    return tuple((one.name, one.weight, model) for one, model in zip(stated, models, strict=True))
+
+
+def _frame(model: WrenchModel) -> tuple[object, ...]:
+    """What readings mean to a model."""
+    return model.space, model.convention, model.mirror_y, model.mounting, model.gravity
+
+
+def _alternative_data(name: str, weight: float, model: ModelFile) -> dict[str, Any]:
+    """An alternative as plain data, without what the whole file says."""
+    own = {key: value for key, value in model.to_data().items() if key not in OF_THE_FILE}
+    return {"name": name, "weight": weight, "model": own}
 
 
 def _budget_data(budget: Budget) -> dict[str, Any]:

@@ -122,7 +122,8 @@ def _sentences(diagnosis: Diagnosis, number: int, channel: int) -> list[str]:
     gravity = [] if diagnosis.gravity is None else [diagnosis.gravity.sentence]
     points = filter(None, map(fixed_point_sentence, diagnosis.findings))
     reading = [doubted.sentence for doubted in diagnosis.readings]
-    return [*reading, *given_sentences(diagnosis), *gravity, *reductions, *points, *disturbance_sentences(diagnosis)]
+    doubts = [*diagnosis.averaged.sentences, *given_sentences(diagnosis)]
+    return [*reading, *doubts, *gravity, *reductions, *points, *disturbance_sentences(diagnosis)]
 
 
 def _error_reduction_sentence(comparisons: Sequence[Comparison], channel: int, where: str) -> str:

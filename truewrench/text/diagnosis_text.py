@@ -233,6 +233,7 @@ def diagnosis_text(diagnosis: Diagnosis) -> str:
         *(_beginning_text(diagnosis, effect) for effect in diagnosis.steps[0].fit.model.effects),
         *(effect_text(f, diagnosis.fit) for f in diagnosis.findings if f.verdict is EffectVerdict.SUPPORTED),
         *tool_lines(diagnosis.fit, misfitting=bool(diagnosis.misfitting), unknown=diagnosis.tool_unknown),
+        *(["\n  ".join(doubts)] if (doubts := diagnosis.averaged.sentences) else []),
         error_reduction_text(diagnosis),
         "\n".join(_evidence(diagnosis)),
         *([f"Candidate effects:\n{diagnosis.table}\n{CANDIDATES_NOTE}"] if diagnosis.findings else []),

@@ -19,7 +19,15 @@ from modeling.rig import Convention
 from tests.shared.log_files import DRAG, lerobot_data_set, lerobot_statistics, original
 from truewrench.command_line import main
 from truewrench.files.wrench_bag import wrench_topics
-from truewrench.simulated_rig import ContactEvent, PlanarRig, SpatialRig, ViscousDrag, simulate, write_recording
+from truewrench.simulated_rig import (
+    ContactEvent,
+    PlanarRig,
+    SensorGain,
+    SpatialRig,
+    ViscousDrag,
+    simulate,
+    write_recording,
+)
 
 pytest.importorskip("mujoco")
 
@@ -325,6 +333,37 @@ def test_a_budget_goes_from_the_fit_to_the_contact(
     assert saved.budget is not None
     contact_wrench = tw.compensate(saved.budget, tw.read(bench.pushed, rig=saved.rig))
     assert not [topic for topic in wrench_topics(contact_wrench) if "effects" in topic]
+
+
+def test_the_doubt_of_a_diagnosis_goes_to_the_contact(
+    bench: Bench, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """From the diagnosis that finds a gain, or a leak that reads alike, over the model file; alone where asked for."""
+    arm, train, rig = PlanarRig(), str(tmp_path / "train.csv"), str(Path(bench.model).parent / "rig.toml")
+    motion = arm.random_motion(seed=1, period=3.0, harmonics=3)
+    gain = SensorGain(errors=(("fy", 0.03),))
+    frame = simulate(arm, motion, hidden=(gain,), repeats=4, samples_per_period=150, seed=11)
+    write_recording(frame, tmp_path / "train.csv")
+    only = ("sensor_gain", "sensor_crosstalk")
+    assert main(["diagnose", train, "--rig", rig, "--only", ",".join(only), "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    chosen, other = result["averaged"]["members"]
+    assert result["averaged"]["parameters"]["m"]["std"] > 5 * result["parameters"]["m"]["std"]
+    stated = tw.Rig.read(rig)
+    diagnosis = tw.diagnose(tw.planar(stated), tw.read(train, rig=stated), effects=only)
+    model = str(tw.save(diagnosis, tmp_path / "model.json"))
+    contacts = []
+    for further in ([], ["--without-alternatives"]):
+        assert main(["compensate", model, bench.pushed, "--json", *further]) == 0
+        contacts.append(json.loads(capsys.readouterr().out))
+    doubtful, alone = contacts
+    assert doubtful["alternatives"] == [{"name": other["name"], "weight": pytest.approx(other["weight"])}]
+    assert chosen["weight"] + other["weight"] == pytest.approx(1)
+    assert doubtful["between"]["fcy"] > 0
+    assert doubtful["contacts"][0]["wrench_std"]["fcy"] > alone["contacts"][0]["wrench_std"]["fcy"]
+    assert not {"alternatives", "between"} & set(alone)
+    assert main(["compensate", model, bench.pushed]) == 0
+    assert f"probability of the others: sensor_crosstalk {other['weight']:.2g}" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
