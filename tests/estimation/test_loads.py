@@ -20,7 +20,7 @@ from estimation.fit import doubted_loads, recordings_of
 from estimation.parameter_layout import parameter_layout
 from estimation.recordings.recording import Recording
 from modeling.errors import InputError
-from modeling.rig import Rig
+from modeling.rig import Convention, Rig
 from modeling.rigid_body import Load, known_moments
 from modeling.space import Space
 from tests.shared.recordings import base, recording_of
@@ -514,3 +514,15 @@ def test_monte_carlo_needs_the_std_of_a_load(tmp_path: Path, capsys: pytest.Capt
     assert "monte_carlo" in capsys.readouterr().out
     assert main(["fit", *files, "--load", "two.csv=2.0@0,0,0.05", "--monte-carlo", "100"]) == 2
     assert "there is no budget to check" in capsys.readouterr().err
+
+
+def test_frames_are_told_by_a_weight_that_turned() -> None:
+    """Not by the heaviest load where that was hardly turned. Two estimates within 5 std."""
+    rig = loaded(TWO)
+    still = replace(rig, position_limit=(0.05, 0.03), velocity_limit=(0.2, 0.06), acceleration_limit=(1.0, 0.2))
+    frame = hidden.simulate(still, still.random_motion(seed=2), repeats=3, samples_per_period=150, seed=2)
+    several = {"empty": recorded(np.eye(6), 21)["empty"], "two": recording_of(frame, without=("temperature",))}
+    fitted = tw.fit(tw.spatial() + "common_gain", several, loads={"two": TWO})
+    assert fitted.model.convention is Convention.ON_TOOL
+    for name, truth in (("m", SIMULATED[Space.SPACE].mass), ("common_gain.gain", 1.0)):
+        assert abs(fitted.values[name] - truth) < 5 * fitted.parameters[name].std
