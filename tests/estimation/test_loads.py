@@ -526,3 +526,18 @@ def test_frames_are_told_by_a_weight_that_turned() -> None:
     assert fitted.model.convention is Convention.ON_TOOL
     for name, truth in (("m", SIMULATED[Space.SPACE].mass), ("common_gain.gain", 1.0)):
         assert abs(fitted.values[name] - truth) < 5 * fitted.parameters[name].std
+
+
+def test_a_calibration_has_the_errors_of_the_loads_in_its_std_in_python_too(tmp_path: Path) -> None:
+    """As the budget says, by which the torques' gains are told by the place alone."""
+    stated = replace(TWO, mass_std=0.001, at_std=0.001)
+    fitted = tw.fit(base(Space.SPACE) + "gain", both(np.eye(6)), loads={"two": stated})
+    size = len(fitted.theta)
+    covariance = tw.budget(fitted).calibration.covariance[:size, :size]
+    names = list(fitted.parameters)
+    std = [np.sqrt(covariance[i, i]) for i in (names.index(f"gain.{channel}") for channel in CHANNELS)]
+    for one in (fitted, tw.study(base(Space.SPACE) + "gain", both(np.eye(6)), loads={"two": stated})):
+        np.testing.assert_allclose(np.diag(tw.sensor_matrix(one).std(correction=False)), std, rtol=1e-6)
+    assert std[3] > 5 * fitted.parameters["gain.tx"].std
+    read = tw.load(tw.save(fitted, tmp_path / "model.json"))
+    np.testing.assert_allclose(np.diag(tw.sensor_matrix(read).std(correction=False)), std, rtol=1e-6)
