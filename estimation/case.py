@@ -24,7 +24,7 @@ from estimation.noise.recording_noise import MotionNoise, RecordingNoise, sample
 from estimation.parameter_layout import main_tool
 from estimation.recordings.recording import Recording, require_channels
 from estimation.recordings.sign_convention import SignDecision, with_convention
-from modeling.chain.model import WrenchModel
+from modeling.chain.model import ALIGNED_MOUNTING, WrenchModel
 from modeling.effects.geometry import GravityTilt
 from modeling.effects.loads import BaseForce, CableSpring
 from modeling.errors import InputError
@@ -161,14 +161,16 @@ class Case:
                 raise
             undecided = error
             case = cls._upright(replace(model, convention=Convention.ON_TOOL), several, count)
-        shown = shown_reading(_of_one_weight((*case.recordings, *case.held_out)), case.model, model.convention)
+        shown = shown_reading(
+            _of_one_weight((*case.recordings, *case.held_out), case.model), case.model, model.convention
+        )
         if undecided is not None and (shown is None or shown.p_value is None):
             raise undecided from None
         if case.gravity is not None:
             upright = cls._upright(replace(model, convention=case.model.convention), several, count)
-            weighed = _of_one_weight((*upright.recordings, *upright.held_out))
+            weighed = _of_one_weight((*upright.recordings, *upright.held_out), upright.model)
             of_upright = shown_reading(weighed, upright.model, model.convention)
-            weighed = _of_one_weight(case.recordings)
+            weighed = _of_one_weight(case.recordings, case.model)
             if of_upright is not None and of_upright.is_simpler_than(shown, weighed, case.model):
                 case, shown = upright, of_upright
         return case if shown is None else case._with_reading(shown, model, several, read)
@@ -222,7 +224,10 @@ class Case:
         gravity, doubted, direction = None, None, _stated_direction(model, several)
         if direction is None:
             shown = gravity_evidence(
-                _of_one_weight(several), gravity=model.gravity, convention=model.convention, mirror_y=model.mirror_y
+                _of_one_weight(several, model),
+                gravity=model.gravity,
+                convention=model.convention,
+                mirror_y=model.mirror_y,
             )
             gravity, doubted = (None, shown) if shown is not None and shown.is_doubted else (shown, None)
         direction = direction if gravity is None else gravity.direction
@@ -231,7 +236,7 @@ class Case:
         tilt_fitted = gravity is not None and not gravity.along_axis and not tilted
         model = model + GravityTilt() if tilt_fitted else model
         mounted = tuple(_recording_on_base(recording, direction) for recording in several)
-        model, sign = with_convention(model, _of_one_weight(mounted))
+        model, sign = with_convention(model, _of_one_weight(mounted, model))
         read = tuple(_with_decided_motion(recording, model) for recording in mounted)
         return cls(model, read[:count], read[count:], sign, gravity, doubted, tilt_fitted=tilt_fitted)
 
@@ -286,11 +291,32 @@ class Case:
         return replace(self, gravity=with_fitted_tilt(self.gravity, model, values))
 
 
-def _of_one_weight(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
-    """Those that carried the same, of which the known loads are heaviest: what their weight shows of frames is of one
-    body, and clearest."""
-    heaviest = max(recordings, key=lambda recording: sum(load.mass or 0.0 for load in recording.loads), default=None)
-    return tuple(r for r in recordings if heaviest is not None and r.loads == heaviest.loads)
+SPANNED_SHARE = 0.5
+"""Share of the widest spread of gravity that frames are decided by: half as wide tells axes as well, a heavy load that
+was hardly turned does not."""
+
+
+def _of_one_weight(recordings: Sequence[Recording], model: WrenchModel) -> tuple[Recording, ...]:
+    """Those that carried the same: what their weight shows of frames is of one body.
+
+    Of those whose weight turns as far as any, the known loads are heaviest.
+    """
+    by_loads: dict[tuple[Load, ...], list[Recording]] = {}
+    for recording in recordings:
+        by_loads.setdefault(recording.loads, []).append(recording)
+    if len(by_loads) < 2:
+        return tuple(recordings)
+    base = replace(model.base, convention=Convention.ON_TOOL, mounting=ALIGNED_MOUNTING)
+    spread = {loads: max(_spread_of_weight(r, base) for r in several) for loads, several in by_loads.items()}
+    wide = [loads for loads in by_loads if spread[loads] >= SPANNED_SHARE * max(spread.values())]
+    return tuple(by_loads[max(wide, key=lambda loads: sum(load.mass or 0.0 for load in loads))])
+
+
+def _spread_of_weight(recording: Recording, base: WrenchModel) -> float:
+    """N per kg, the smallest of the root mean squares along axes of the force of a mass about its mean."""
+    derivative = model_response(base, recording, np.zeros(len(base.parameters))).derivative
+    force = derivative[:, : recording.dimension, len(base.biases)]
+    return float(np.linalg.svd(force - force.mean(axis=0), compute_uv=False)[-1] / np.sqrt(len(force)))
 
 
 def check_channels(model: WrenchModel, recordings: Sequence[Recording]) -> None:

@@ -20,7 +20,7 @@ from estimation.least_squares.estimates import (
 )
 from estimation.least_squares.problem import LinearisedRows, Problem, Solution
 from estimation.least_squares.square_root_information import SquareRootInformation
-from estimation.model_response import ModelResponse, model_response, predicted_readings
+from estimation.model_response import ModelResponse, model_response, predicted_readings, with_loads
 from estimation.noise.recording_noise import RecordingNoise, repeat_noise_floor, sample_step
 from estimation.parameter_layout import ParameterLayout, parameter_layout, require_known_start
 from estimation.recordings.recording import Recording
@@ -29,8 +29,9 @@ from modeling.chain.model import WrenchModel, require_model
 from modeling.errors import InputError, kind_of, quoted, suggestion
 from modeling.noise import NoiseModel, NoiseSource
 from modeling.parameter import Role
-from modeling.rigid_body import Load
+from modeling.rigid_body import Load, inertial_parameters
 from modeling.significance import LEVELS
+from modeling.space import Space
 from modeling.table import Table
 
 if TYPE_CHECKING:
@@ -286,17 +287,20 @@ def recordings_of(
 
 
 def loaded(recordings: Sequence[Recording], loads: Loads) -> tuple[Recording, ...]:
-    """Recordings that carried loads, by the recordings' names; InputError for a name of none."""
+    """Recordings that carried loads, by the recordings' names; InputError for a name of none, or of several."""
     names = [recording.name for recording in recordings]
+    if not isinstance(loads, Mapping):
+        raise InputError(what=f"{kind_of(loads)} is no loads", where="loads", remedy='give {"two": "2.0@0,0,0.05"}')
     for name in loads:
-        if name not in names:
-            what = f"a load is stated of {quoted(name)}, and no recording is called so"
-            raise InputError(what=what, where="loads", remedy=suggestion(name, names))
+        if names.count(name) != 1:
+            what = f"a load is stated of {quoted(name)}, and {names.count(name) or 'no'} recordings are called so"
+            remedy = 'give the recordings by names: {"empty": .., "two": ..}'
+            raise InputError(what=what, where="loads", remedy=remedy if name in names else suggestion(str(name), names))
     return tuple(r.carrying(*_listed(loads[r.name])) if r.name in loads else r for r in recordings)
 
 
 def _listed(given: Load | str | Iterable[Load | str]) -> tuple[Load | str, ...]:
-    return (given,) if isinstance(given, Load | str) else tuple(given)
+    return tuple(given) if isinstance(given, Iterable) and not isinstance(given, str) else (given,)
 
 
 def predicted_frame(model: WrenchModel, values: Mapping[str, float], recording: Recording) -> pd.DataFrame:
@@ -621,11 +625,65 @@ def _constrained(problem: Problem, theta: Array, constraints: Constraints) -> Co
 def require_positive_fitted_mass(fitted: Fit) -> None:
     """Refuse a fit with a significantly negative mass.
 
-    Raises InputError: the readings have the sign convention opposite to the stated one.
+    Raises InputError: the readings have the sign convention opposite to the stated one, or loads are not as stated.
     """
     names = ", ".join(r.name for r in fitted.recordings)
     for tool in ("", *fitted.layout.other_tools):
-        require_positive_mass(fitted.parameters[f"m@{tool}" if tool else "m"], fitted.model.convention, names)
+        mass = fitted.parameters[f"m@{tool}" if tool else "m"]
+        if mass.value < 0 and (doubts := doubted_loads(fitted.model, fitted.recordings)):
+            what = f"{doubts[0].partition(':')[0]}, and the mass comes out as {mass.value:.3g} ± {mass.std:.2g} kg"
+            raise InputError(
+                what=what, where=names, remedy="state each load of the recording that carried it, kg and m"
+            )
+        require_positive_mass(mass, fitted.model.convention, names)
+
+
+UNLIKE_LOAD = 0.2
+"""Share of a load's mass, or distance, by which readings are unlike what is stated: sensors err by some per cent."""
+UNLIKE_WHOLE, UNLIKE_PLACE = 0.05, 0.01
+"""Share of all that hangs on the sensor, and m of its centre, by which they are at least: effects that a rigid tool
+lacks, as lag or hysteresis, are in proportion to it."""
+UNLIKE_STD = 5.0
+"""Std by which they are at least, as many recordings are compared."""
+
+
+def doubted_loads(model: WrenchModel, recordings: Sequence[Recording]) -> list[str]:
+    """A sentence for each recording that by itself does not weigh what it is stated to carry, or has it elsewhere.
+
+    Compared is the rigid tool with its load to that with the least load, each fitted to its recording alone.
+    """
+    names = [p.name for p in inertial_parameters(model.space)][: 2 if model.space is Space.PLANE else 4]
+    lightest: dict[str, tuple[Recording, Fit]] = {}
+    sentences = []
+    for recording in sorted(recordings, key=lambda r: sum(load.mass or 0.0 for load in r.loads)):
+        if all(other.loads == recording.loads for other in recordings if other.tool == recording.tool):
+            continue
+        alone = unchecked_fit(Case(model.base, (recording.moved(loads=()),)))
+        other, least = lightest.setdefault(recording.tool, (recording, alone))
+        if other.loads == recording.loads:
+            continue
+        stated = with_loads(model, recording.loads, np.zeros(len(model.parameters)))
+        stated = (stated - with_loads(model, other.loads, np.zeros_like(stated)))[len(model.biases) :][: len(names)]
+        more = np.array([alone.parameters[name].value - least.parameters[name].value for name in names])
+        std = np.array([np.hypot(alone.parameters[name].std, least.parameters[name].std) for name in names])
+        off, whole = np.abs(more - stated), max(alone.parameters[names[0]].value, 0.0)
+        if off[0] > max(UNLIKE_LOAD * abs(stated[0]), UNLIKE_WHOLE * whole, UNLIKE_STD * std[0]):
+            sentences.append(
+                f"By the readings {recording.name} carries {more[0]:.3g} kg more than {other.name}, by the loads stated"
+                f" {stated[0]:.3g} kg: see whether they are of these recordings, in kg."
+            )
+        elif stated[0] > 0 and more[0] > 0:
+            read, at = more[1:] / more[0], stated[1:] / stated[0]
+            apart, distance = (float(np.linalg.norm(place)) * more[0] for place in (read - at, at))
+            spread = UNLIKE_STD * float(np.linalg.norm(std[1:]))
+            if apart > max(UNLIKE_LOAD * distance, UNLIKE_PLACE * whole, spread):
+                places = [", ".join(f"{x:.3g}" for x in np.round(place, 3) + 0.0) for place in (read, at)]
+                sentences.append(
+                    f"By the readings what {recording.name} carries more than {other.name} is at ({places[0]}) m, by"
+                    f" the loads stated at ({places[1]}) m: see whether that is from the sensor's origin, along the"
+                    " axes of the tool's parameters."
+                )
+    return sentences
 
 
 def reestimated_noise(estimated: Fit) -> tuple[RecordingNoise, ...]:

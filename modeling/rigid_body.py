@@ -190,7 +190,7 @@ class Load:
             raise InputError(what=f"{quoted(given)} is no load", where="load", remedy=LOAD_REMEDY)
         text = given.strip()
         if (match := WRITTEN.fullmatch(text.replace(" ", ""))) is None:
-            if not re.fullmatch(r"[^\W\d][\w .-]*", text):  # a name
+            if not re.fullmatch(r"(?!(?i:nan|inf|infinity)$)[^\W\d][\w .-]*", text):  # a name
                 raise InputError(what=f"{quoted(given)} is no load", where="load", remedy=LOAD_REMEDY)
             return cls(name=text)
         at = tuple(map(float, match["at"].split(","))) if match["at"] else ()

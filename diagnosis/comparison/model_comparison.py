@@ -264,7 +264,11 @@ class ModelComparison(Tabular):
     def remarks(self) -> list[str]:
         """Which models differ significantly, and what was estimated on recordings that they were not fitted on."""
         dwelling = [f"{r.name} is read as {r.dwells.counted}." for r in self.recordings if r.dwells is not None]
-        remarks = [*dwelling, *(f"{difference.sentence}." for difference in self.differences)]
+        remarks = [
+            *dwelling,
+            *(r.carried for r in self.recordings if r.loads),
+            *(f"{difference.sentence}." for difference in self.differences),
+        ]
         if any(not p.fitted for model in self.models for p in model.predictions):
             remarks.append("Fitted on: the recording is one that the model was fitted to; held out: it is not.")
             remarks.append("The biases, which differ between recordings, are estimated on each.")

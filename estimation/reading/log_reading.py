@@ -175,7 +175,8 @@ def read_with_rig(
 
 def _carrying(recording: Recording, rig: Rig | None, sources: Sequence[str | Path]) -> Recording:
     """The recording with the loads that the rig states of one of its files."""
-    loads = () if rig is None else tuple(dict.fromkeys(load for path in sources for load in rig.loads_of(path)))
+    of_files = [] if rig is None else list(dict.fromkeys(rig.loads_of(path) for path in sources))
+    loads = [load for of_file in of_files for load in of_file]
     return recording.carrying(*loads) if loads else recording
 
 

@@ -249,6 +249,11 @@ class Recording(Tabular):
         """Name of the tool: of the unknown bodies that the sensor carried, empty for the tool alone."""
         return "+".join(load.name for load in self.loads if not load.known)
 
+    @property
+    def carried(self) -> str:
+        """A sentence of what the sensor carried, empty for the tool alone."""
+        return f"{self.name} carries {' and '.join(map(str, self.loads))} beside the tool." if self.loads else ""
+
     def carrying(self, *loads: Load | str) -> Recording:
         """The recording of a sensor that carried these beside the tool.
 
@@ -256,7 +261,10 @@ class Recording(Tabular):
         name of an unknown body. Raises InputError for anything else.
         """
         carried = tuple(map(Load.of, loads))
-        for load in carried:
+        for number, load in enumerate(carried):
+            if load in carried[:number]:
+                remedy = "state it once; two of a kind as one of their mass, or each by a name"
+                raise InputError(what=f"the load {load} is stated twice", where=self.name, remedy=remedy)
             if load.known:
                 load.moments(Space(self.dimension))  # raises for coordinates of another space
         return self.moved(loads=carried)

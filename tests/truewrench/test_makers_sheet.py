@@ -231,6 +231,13 @@ def test_what_is_no_sheet_is_said_in_one_line(what: str, write: Write) -> None:
     assert "\n" not in str(refused.value)
 
 
+def test_a_comment_may_have_the_name_of_the_root(write: Write) -> None:
+    text = ati_text().replace("<BasicTransform", "<!-- <FTSensor of the maker --><BasicTransform")
+    corrected = emit(model_file(np.diag([2.0, 1, 1, 1, 1, 1])), "calibration_ati", sheet=write(text))
+    np.testing.assert_allclose(rows_of(corrected, "UserAxis")[0], USER[0] / 2, rtol=1e-6)
+    assert corrected.startswith(text[: text.index("<FTSensor")])
+
+
 def test_a_file_whose_rows_are_dependent_is_not_corrected(write: Write) -> None:
     zeros = " ".join(["0"] * 6)
     text = ati_text()

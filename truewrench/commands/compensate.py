@@ -158,6 +158,7 @@ def contact_data(contact: ContactWrench) -> dict[str, Any]:
     data: dict[str, Any] = {
         "recording": contact.recording.name,
         "samples": contact.recording.samples,
+        **({"loads": [load.to_data() for load in contact.recording.loads]} if contact.recording.loads else {}),
         "components": list(contact.names),
         "axes": contact.axes.value,
         "sensor_to_pose": sensor_to_pose(contact.calibration.model, contact.calibration.theta).tolist(),
@@ -209,10 +210,12 @@ def contact_text(contact: ContactWrench) -> str:
     std = np.sqrt(np.diag(detection.zero_covariance))
     shift = ", ".join(f"{c} {v:.3g} ± {s:.2g} {u}" for (c, v, u), s in zip(shifts, std, strict=True))
     size = zip(contact.names, contact.noise_std, space.units, strict=True)
-    name, dwells = contact.recording.name, contact.recording.dwells
+    name, dwells, tool = contact.recording.name, contact.recording.dwells, contact.recording.tool
     lines = [
         head,
         *([] if dwells is None else [f"{name} is read as {dwells.counted}: a row and its time are a pose."]),
+        *([contact.recording.carried] if contact.recording.loads else []),
+        *([f"What {tool} weighs is in the contact wrench, unless the model is of the tool with it."] if tool else []),
         f"Zero shift relative to the fitted recording, in sensor axes: {shift}."
         if std.any()
         else "Zero: that of the fitted recording.",

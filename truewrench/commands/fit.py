@@ -50,6 +50,8 @@ if TYPE_CHECKING:
     from estimation.budget import Budget
     from estimation.set_bounds import SetBounds
 
+LOADS_LEFT_OUT = "The std of the loads are in none of these: a budget is of least squares, and of a tool that is known."
+"""Said in place of the budget."""
 IN_MEMORY_ONLY = (
     *("robust", "bounds", "physical", "inside", "prior", "error_bound"),
     *("runs", "effects", "validate", "period", "read", "budget", "load", "next_load"),
@@ -101,6 +103,7 @@ def run_in_memory(arguments: argparse.Namespace) -> None:
             [
                 summary.text(case, runs=arguments.runs, verbose=arguments.verbose),
                 *([] if certain is None else [str(certain)]),
+                *([LOADS_LEFT_OUT] if budgeted is None and is_uncertain(summary.fit) else []),
                 *([] if budgeted is None else [f"Budget, of which the std above have the noise alone:\n{budgeted}"]),
                 *([] if advice is None else [f"Next load:\n{advice}"]),
             ]
@@ -140,13 +143,22 @@ def load_advice_of(loads: Sequence[Load], summary: FitSummary) -> LoadAdvice | N
     return LoadAdvice.of(summary.fit, loads)
 
 
+def is_uncertain(fitted: Fit) -> bool:
+    """Whether a known load that its recordings carried is stated with a std."""
+    loads = [load for recording in fitted.recordings for load in recording.loads]
+    return any(load.known and (load.mass_std or load.at_std) for load in loads)
+
+
 def budget_of(arguments: argparse.Namespace) -> Callable[[FitSummary, Sequence[Effect]], Budget | None]:
     """What makes the budget of --budget and of the recordings' loads, of a fit and custom effects; None without any.
 
     Raises InputError, before any work, for a budget that cannot be.
     """
-    if arguments.budget is None and arguments.monte_carlo is not None and not arguments.load:
-        raise InputError(what="there is no budget to check", where="--monte-carlo", remedy="give --budget FILE")
+    unstated = arguments.budget is None and arguments.monte_carlo is not None
+    remedy = "give --budget FILE, or the std of the loads: 2.000+-0.001@0,0,0.05+-0.001"
+    nothing = InputError(what="there is no budget to check", where="--monte-carlo", remedy=remedy)
+    if unstated and not arguments.load and arguments.rig is None:
+        raise nothing
     if arguments.budget is not None and arguments.robust:
         what = "a budget is propagated by the derivatives of least squares"
         raise InputError(what=what, where="--budget", remedy="leave out --robust")
@@ -157,9 +169,9 @@ def budget_of(arguments: argparse.Namespace) -> Callable[[FitSummary, Sequence[E
         statement = stated_budget(arguments.budget, trials)
 
     def of(summary: FitSummary, custom: Sequence[Effect]) -> Budget | None:
-        loads = [load for recording in summary.fit.recordings for load in recording.loads]
-        uncertain = any(load.known and (load.mass_std or load.at_std) for load in loads)
-        if statement is None and (not uncertain or arguments.robust or summary.unknown_tool):
+        if statement is None and (not is_uncertain(summary.fit) or arguments.robust or summary.unknown_tool):
+            if unstated:
+                raise nothing
             return None
         if summary.unknown_tool:
             what = f"there is no budget of a tool that is not known, as {summary.unknown_tool}"

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from estimation.case import Case
+from estimation.fit import doubted_loads
 from estimation.reading.log_reading import read_with_rig
 from estimation.reading.motion_evidence import motion_evidence
 from estimation.readings.doubted_reading import DoubtedReading
@@ -22,7 +23,7 @@ from estimation.recordings.sign_convention import (
     SignDecision,
     nearest_quarter_turns,
 )
-from modeling.chain.model import ALIGNED_MOUNTING, planar, spatial
+from modeling.chain.model import ALIGNED_MOUNTING, WrenchModel, planar, spatial
 from modeling.chain.sensor_axes import turn_words
 from modeling.errors import InputError, quoted, suggestion
 from modeling.rig import Convention, Rig
@@ -67,15 +68,15 @@ def _with_loads(rig: Rig, loads: Sequence[tuple[str, Load]], files: Sequence[str
     return replace(rig, loads=(*rig.loads, *loads))
 
 
-def load_sentences(several: Sequence[Recording]) -> list[str]:
-    """What recordings carried, and what the rig states of none of them."""
-    sentences = [f"{r.name} carries {' and '.join(map(str, r.loads))} beside the tool." for r in several if r.loads]
+def load_sentences(several: Sequence[Recording], model: WrenchModel | None = None) -> list[str]:
+    """What recordings carried, what the rig states of none of them, and with a model what they do not weigh so."""
+    sentences = [r.carried for r in several if r.loads]
     used = {load for recording in several for load in recording.loads}
     rigs = {name: load for r in several for name, load in (r.rig.loads if r.rig is not None else ())}
     idle = [name for name, load in rigs.items() if load not in used]
     if idle:
         sentences.append(f"The rig states loads of {', '.join(idle)}, of which no recording is given.")
-    return sentences
+    return sentences if model is None else [*sentences, *doubted_loads(model, several)]
 
 
 def rigid_tool_case(
@@ -219,7 +220,7 @@ def convention_data(sign: SignDecision) -> dict[str, Any]:
 def frame_sentences(case: Case, *, detailed: bool = False) -> list[str]:
     """What the data decided of frames: gravity's direction, the sign convention; `detailed`, with its estimates."""
     sentences = [] if case.sign is None else [convention_sentence(case.sign, detailed=detailed)]
-    sentences = [*load_sentences((*case.recordings, *case.held_out)), *sentences]
+    sentences = [*load_sentences((*case.recordings, *case.held_out), case.model), *sentences]
     readings = [doubted.sentence for doubted in case.readings]
     if not all(doubted.adopted and (doubted.of_log or doubted.id in OF_ROWS) for doubted in case.readings):
         return [*readings, *([] if case.misread else sentences)]

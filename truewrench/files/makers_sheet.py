@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -28,6 +29,8 @@ REMEDY = (
     "give a CSV of channel, full_scale, accuracy (% of full scale) and, under the channels' names, the matrix; or a"
     " calibration file of ATI (.cal)"
 )
+PROLOG = re.compile(r"(?:\s|<\?.*?\?>|<!--.*?-->)*", re.DOTALL)
+"""What stands before the root of such a file: a declaration, and comments that may have anything in them."""
 LARGEST_SHEET = 1_000_000
 """Bytes; a calibration file has some thousand."""
 FORCES = {"N": 1.0, "kN": 1e3, "lb": 4.4482216152605, "lbf": 4.4482216152605, "klb": 4448.2216152605}
@@ -215,7 +218,7 @@ def _finite(value: float) -> float | None:
 
 @dataclass(frozen=True, eq=False)
 class AtiCalibration:
-    """A calibration file of ATI: rows UserAxis (6, n) from n gauges to the wrench, as the file tells others to read it.
+    """A calibration file of ATI: rows UserAxis (6, n) from n gauges to the wrench, which drivers of others read.
 
     Its rows Axis are the maker's own form of the same matrix.
 
@@ -244,7 +247,7 @@ class AtiCalibration:
             raise InputError(what=what, where=where, remedy=REMEDY)
         force, torque = (calibrations[0].get(f"{name}Units", "") for name in ("Force", "Torque"))
         units = np.array([_newtons(force, where)] * 3 + [_newton_metres(torque, where)] * 3)
-        calibration = cls(text[: text.rindex("<FTSensor")], root, units, where)
+        calibration = cls(PROLOG.findall(text)[0], root, units, where)
         if not root.findall(".//UserAxis"):
             what = "it has no UserAxis rows, and what its Axis rows mean is the maker's own"
             raise InputError(what=what, where=where, remedy="ask the maker for a file of version 1.1 or later")

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from estimation.budget import OF_LOAD, Budget, Source, named_or_stated
+from estimation.budget import OF_LOAD, Budget, Source, named_or_stated, uncertain_loads
+from estimation.budget import budget as budget_of
 from estimation.budget_table import TYPE_A, Contribution, Size, Statement
 from estimation.centre_of_mass import centre_of_mass_data
 from estimation.contact.contact_wrench import Alternative, CalibratedModel
@@ -300,19 +301,27 @@ Fitted = Fit | StreamedFit | ModelFile | HasFit
 
 
 def as_model_file(given: Fitted, where: str) -> ModelFile:
-    """What a model file of it holds; InputError, in a sentence, for what has no fitted model."""
+    """What a model file holds of it; InputError, in a sentence, for what has no fitted model.
+
+    Of recordings with loads whose mass or place is uncertain the budget of these is with it, as `fit` writes it.
+    """
     if isinstance(given, ModelFile):
         return given
     if isinstance(given, Fit | StreamedFit):
-        return ModelFile.of(given)
+        return ModelFile.of(given, budget=_budget_of_loads(given))
     fitted: object = getattr(given, "fit", None)
     if not isinstance(fitted, Fit):
         remedy = f"give a fit: tw.{where}(tw.fit(model, recording), ..); or a study, a diagnosis or a loaded model"
         raise InputError(what=f"{kind_of(given)} is no fitted model", where=where, remedy=remedy)
-    file = ModelFile.of(fitted, given.misfitting, given.tool_unknown, given.readings)
+    budget = None if given.tool_unknown else _budget_of_loads(fitted)
+    file = ModelFile.of(fitted, given.misfitting, given.tool_unknown, given.readings, budget)
     average: ModelAverage | None = getattr(given, "averaged", None)  # a study has none
     others = () if average is None else average.members[1:]
     return replace(file, alternatives=tuple((one.name, one.weight, ModelFile.of(one.fit)) for one in others))
+
+
+def _budget_of_loads(fitted: Fit | StreamedFit) -> Budget | None:
+    return budget_of(fitted) if isinstance(fitted, Fit) and uncertain_loads(fitted) else None
 
 
 def save(fit: Fitted, path: str | Path) -> Path:

@@ -349,7 +349,7 @@ def _values(diagnosis: Diagnosis, provenance: Provenance) -> dict[str, Any]:
         "tool": []
         if diagnosis.tool_unknown
         else [
-            *load_sentences(diagnosis.fit.recordings),
+            *load_sentences(diagnosis.fit.recordings, diagnosis.fit.model),
             *tool_notes(diagnosis.fit, misfitting=bool(diagnosis.misfitting)),
         ],
         "zero_shift": _by_channel(diagnosis, diagnosis.zero_shift or {}),

@@ -19,7 +19,7 @@ from estimation.reading.log_reading import read_with_rig
 from modeling.errors import InputError, quoted
 from truewrench.emitted import emit
 from truewrench.files.case_files import frame_sentences
-from truewrench.files.model_file import ModelFile
+from truewrench.files.model_file import as_model_file
 from truewrench.plots.chart import Chart
 from truewrench.plots.result_figure import result_chart
 from truewrench.reports.discovery_report import discovery_report
@@ -102,7 +102,7 @@ def download_of(
         "report_md": lambda: Download(
             "report.md", "text/markdown", _report(step, case, diagnosis, files).markdown.encode()
         ),
-        "model": lambda: Download("model.json", "application/json", ModelFile.of(step.fit).to_text().encode()),
+        "model": lambda: Download("model.json", "application/json", as_model_file(step.fit, "save").to_text().encode()),
         "trajectory": lambda: _trajectory(separation),
         "effects": lambda: Download("effect.toml", "application/toml", _found(discovery).effects_toml.encode()),
         "equation": lambda: Download(
