@@ -151,8 +151,11 @@ class AveragedEstimate:
         return np.where(self.stds > 0, student_sf(-scaled, self.freedoms), fixed)
 
     def _quantile(self, probability: float, ends: Array) -> float:
-        """By halving, between the members' own quantiles, their `ends` (members,)."""
+        """By halving between the members' own quantiles, their `ends` (members,), or a value that a member fixes."""
         low, high = float(ends.min()), float(ends.max())
+        for fixed in self.values[self.stds == 0]:
+            if self.weights @ self._below(fixed, or_at=False) < probability <= self.weights @ self._below(fixed):
+                return float(fixed)
         for _ in range(HALVINGS if low < high else 0):
             middle = (low + high) / 2
             low, high = (low, middle) if self.weights @ self._below(middle) >= probability else (middle, high)
