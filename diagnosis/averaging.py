@@ -306,8 +306,11 @@ class ModelAverage(Tabular):
             each = zip(self.members, e.values.tolist(), e.stds.tolist(), strict=True)
             ifs = ", ".join(f"{estimate_text(value, std, e.unit)} if {member.name}" for member, value, std in each)
             interval = f"{100 * e.level:g} % interval {interval_text(*e.interval, e.std)} {e.unit}"
-            lines.append(f"{e.name} is {ifs}; averaged {estimate_text(e.value, e.std, e.unit)}, {interval}.")
-        named = [f"{'also ' if len(lines) > 1 else ''}{', '.join(others)}, in `averaged`."] if others else []
+            axis = e.name.removeprefix(CENTRE)
+            name = e.name if axis == e.name else f"the centre of mass along {axis}"
+            lines.append(f"{name} is {ifs}; averaged {estimate_text(e.value, e.std, e.unit)}, {interval}.")
+        also = "also " if len(lines) > 1 else ""
+        named = [f"{also}{', '.join(others)}: see averaged in result.json, diagnosis.averaged."] if others else []
         return [*lines, *named, *unknown]
 
     @property
