@@ -23,7 +23,15 @@ from estimation.fit import Fit, as_reported
 from estimation.fit_column_space import fit_column_space
 from estimation.multiplicity import student_isf, student_sf
 from modeling.errors import InputError, quoted, suggestion
-from modeling.number_format import NOT_IDENTIFIABLE, as_sentence, digits_of, estimate_text, finite, interval_text
+from modeling.number_format import (
+    NOT_IDENTIFIABLE,
+    as_sentence,
+    digits_of,
+    estimate_text,
+    finite,
+    interval_text,
+    probability_text,
+)
 from modeling.significance import LEVELS
 from modeling.table import Cell, Column, Table, Tabular, Value
 
@@ -38,6 +46,9 @@ the mean deviance over what the readings leave open. Two, as Akaike has it, or m
 which the larger of two models that the readings do not tell apart then lacks (docs/decisions/averaging.md)."""
 ROUNDING = 1e-9
 """Of a chi-square that two models differ by, which are one."""
+MOST_LOG_ODDS = 25.0
+"""Of two models, either way: a weight of 1e-11, as good as none, which the weights of the others, rounded as numbers,
+still leave to the model chosen, as in a model file."""
 MOST_ROUNDS = 5
 """Refits, each from where the last one ended: six axes with thirty elements of crosstalk take a hundred steps."""
 MOST_MEMBERS = 12
@@ -125,9 +136,13 @@ class AveragedEstimate:
 
     @property
     def outside(self) -> float:
-        """Probability, given the mixture, that the quantity is outside the interval of the model chosen."""
+        """Probability, given the mixture, that the quantity is outside the interval of the model chosen.
+
+        By a member that does not identify it, it may be anywhere.
+        """
         low, high = float(self.low[0]), float(self.high[0])
-        return float(1 - self.weights @ (self._below(high) - self._below(low, or_at=False)))
+        inside = np.where(np.isfinite(self.stds), self._below(high) - self._below(low, or_at=False), 0.0)
+        return float(1 - self.weights @ inside)
 
     @property
     def doubtful(self) -> bool:
@@ -136,12 +151,20 @@ class AveragedEstimate:
         It is the standard that p-values are held to, which a calibration withholds where false alarms are more than
         twice as frequent as stated.
         """
-        return self.known and self.outside > 2 * (1 - self.level)
+        return bool(np.isfinite(self.stds[0])) and self.outside > 2 * (1 - self.level)
 
     @property
     def is_of_tool_line(self) -> bool:
         """Whether it is the mass or a coordinate of the centre of mass, which one compares with scales and drawing."""
         return self.name == "m" or self.name.startswith(CENTRE)
+
+    @property
+    def in_words(self) -> str:
+        """Value with std, and the interval, of what is known."""
+        interval = interval_text(*self.interval, self.std)
+        return (
+            f"{estimate_text(self.value, self.std, self.unit)}, {100 * self.level:g} % interval {interval} {self.unit}"
+        )
 
     def _below(self, end: float, *, or_at: bool = True) -> Array:
         """Probability (members,) that it is below an end, `or_at` it where a member fixes it there."""
@@ -263,7 +286,7 @@ class ModelAverage(Tabular):
                 unfitted.append(f"not told apart, but left out: {name}, whose refit has not converged")
         weighed = _weighed(members)
         light = [m for m in weighed[1:] if m.weight < LEAST_WEIGHT]
-        left_out = tuple(f"{m.name} is left out: its weight is {m.weight:.1g}" for m in light)
+        left_out = tuple(f"{m.name} is left out: its weight is {probability_text(m.weight)}" for m in light)
         return cls(_weighed([m for m in weighed if m not in light]), left_out, tuple(unfitted), tool_known)
 
     @cached_property
@@ -299,16 +322,15 @@ class ModelAverage(Tabular):
         unknown = [as_sentence(f"{sentence}; nothing here has the doubt of it") for sentence in self.unfitted]
         if len(self.members) == 1 or not self.doubtful:
             return unknown
-        chances = ", ".join(f"{member.name} {member.weight:.2g}" for member in self.members)
+        chances = ", ".join(f"{member.name} {probability_text(member.weight)}" for member in self.members)
         lines = [f"Which of the indistinguishable effects is there (probability: {chances}) decides what these are:"]
         others = [e.name for e in self.doubtful if not e.is_of_tool_line]
         for e in (e for e in self.doubtful if e.is_of_tool_line):
             each = zip(self.members, e.values.tolist(), e.stds.tolist(), strict=True)
             ifs = ", ".join(f"{estimate_text(value, std, e.unit)} if {member.name}" for member, value, std in each)
-            interval = f"{100 * e.level:g} % interval {interval_text(*e.interval, e.std)} {e.unit}"
             axis = e.name.removeprefix(CENTRE)
             name = e.name if axis == e.name else f"the centre of mass along {axis}"
-            lines.append(f"{name} is {ifs}; averaged {estimate_text(e.value, e.std, e.unit)}, {interval}.")
+            lines.append(f"{name} is {ifs}{f'; averaged {e.in_words}' if e.known else ''}.")
         also = "also " if len(lines) > 1 else ""
         named = [f"{also}{', '.join(others)}: see averaged in result.json, diagnosis.averaged."] if others else []
         return [*lines, *named, *unknown]
@@ -320,7 +342,7 @@ class ModelAverage(Tabular):
         stds = [Column(name, format=".2g") for name in names]
         columns = [Column("parameter"), Column("value", unknown=NOT_IDENTIFIABLE), *stds]
         columns += [Column(f"{100 * level:g} % from"), Column("to"), Column("unit")]
-        columns += [Column(f"{member.name} ({member.weight:.2g})") for member in self.members]
+        columns += [Column(f"{member.name} ({probability_text(member.weight)})") for member in self.members]
         return Table.of(columns, [estimate.row() for estimate in self.estimates])
 
     def remarks(self) -> list[str]:
@@ -417,7 +439,8 @@ def _log_odds(gain: float, chosen: Array, other: Array) -> float:
     of the odds is gain l / (2 l + s) then, with the size of the gain itself as estimate of l.
     """
     apart = chosen.shape[1] + other.shape[1] - 2 * float(((chosen.T @ other) ** 2).sum())
-    return float(gain * abs(gain) / (2 * abs(gain) + max(apart, ROUNDING)))
+    log_odds = gain * abs(gain) / (2 * abs(gain) + max(apart, ROUNDING))
+    return float(np.clip(log_odds, -MOST_LOG_ODDS, MOST_LOG_ODDS))
 
 
 def _weighed(members: Sequence[Member]) -> tuple[Member, ...]:

@@ -13,6 +13,8 @@ SHARE = "%"
 """Format of a share, likewise."""
 SMALLEST_P_VALUE = 1e-300
 """p-values below are not told apart: their tail is beyond double precision."""
+LEAST_PROBABILITY = 1e-3
+"""Of a model that is said as a number: smaller ones rest on tails of the noise that nobody has seen."""
 
 _POWER = re.compile(r"(?<![\w.])(\d+(?:\.\d+)?)e([+-]\d+)(?!\w)")
 _UNIT_PRODUCT = re.compile(r"(?<=\bN) (?=[ms](?![a-z]))|(?<=\bN²) (?=m)|(?<=\bkg) (?=m(?![a-z]))")
@@ -129,6 +131,13 @@ def format_p_value(p: float | None) -> str:
     if p < 1e-6:
         return f"10{_superscript(round(log10(p)))}"
     return "1" if p >= 0.995 else format_number(p, 2)
+
+
+def probability_text(probability: float) -> str:
+    """A probability as plain text, to two digits; nothing finer than `LEAST_PROBABILITY`, nor a 1 that is none."""
+    if probability < LEAST_PROBABILITY:
+        return f"below {LEAST_PROBABILITY:g}"
+    return "above 0.99" if 0.995 <= probability < 1 else f"{probability:.2g}"
 
 
 def format_percentage(share: float | None) -> str:

@@ -20,10 +20,11 @@ from estimation.recordings.recording import Recording
 from modeling.chain.model import planar
 from modeling.effects import named
 from modeling.errors import InputError
+from modeling.rigid_body import Load
 from modeling.space import Space
 from tests.shared.recordings import base, recorded, recording_of
 from tests.shared.rigs import RIG
-from truewrench.files.model_file import as_model_file
+from truewrench.files.model_file import ModelFile, as_model_file
 from truewrench.simulated_rig import (
     HiddenEffect,
     PlanarRig,
@@ -127,11 +128,23 @@ def test_a_value_that_a_member_fixes_is_a_step() -> None:
 def test_what_a_member_does_not_identify_is_not_known() -> None:
     estimate = replace(mixture([0.5, 0.5], [1.0, 2.0], [0.1, 1.0], [9.0, 9.0]), stds=np.array([0.1, np.inf]))
     assert not estimate.known
-    assert not estimate.doubtful
+    assert estimate.doubtful
+    assert estimate.outside == pytest.approx(0.525)  # by that member it may be anywhere
+    assert not replace(estimate, stds=np.array([np.inf, 0.1])).doubtful  # which the model chosen does not claim to know
     assert estimate.to_data()["value"] is None
 
 
 # ------------------------------------------------------------------------------------ members and weights
+
+
+def test_a_model_of_uncertain_loads_is_read_with_its_budget_and_its_alternatives() -> None:
+    recording = replace(measured(gain(1.0), motion=1, seed=11).carrying(Load.of("0.001+-0.0005@0.05+-0.001")), name="a")
+    found = diagnose(planar(RIG), recording, effects=EFFECTS)
+    written = as_model_file(found, "save")
+    read = ModelFile.from_text(written.to_text())
+    assert read.to_text() == written.to_text()
+    assert read.budget is not None
+    assert [name for name, _, _ in read.alternatives] == [LEAK]
 
 
 def test_nothing_is_averaged_where_nothing_is_confusable() -> None:
@@ -207,6 +220,7 @@ def test_odds_are_the_likelihood_ratio_where_chance_makes_no_difference(other: i
     assert same == pytest.approx(2.5)
     assert _log_odds(-5.0, basis, basis) == pytest.approx(-2.5)
     assert _log_odds(0.0, basis, basis) == 0.0
+    assert 1 - 1 / (1 + np.exp(-_log_odds(900.0, basis, basis))) > 0  # a model file keeps some for the other
     more = np.eye(6)[:, : 4 + other]
     apart = 1 + other
     assert _log_odds(2.0, basis, more) == pytest.approx(4 / (4 + apart))

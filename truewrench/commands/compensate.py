@@ -13,7 +13,7 @@ from estimation.reading.log_reading import read_with_rig
 from estimation.recordings.recording import Recording
 from modeling.chain.sensor_axes import Axes, sensor_to_pose
 from modeling.errors import InputError
-from modeling.number_format import finite
+from modeling.number_format import finite, probability_text
 from modeling.space import Space
 from truewrench.commands.results import print_result
 from truewrench.files.model_file import ModelFile
@@ -41,6 +41,8 @@ def run(arguments: argparse.Namespace) -> None:
     if arguments.with_budget and saved.budget is None:
         remedy = "write it with `truewrench fit --budget FILE --out`"
         raise InputError(what="the model file has no budget", where=arguments.model, remedy=remedy)
+    if arguments.with_budget and saved.alternatives and not arguments.without_alternatives:
+        say("warning: the budget is of the model chosen alone, without the models that were not told apart from it")
     if arguments.lerobot is not None:
         compensate_data_set(arguments, saved)
         return
@@ -232,7 +234,9 @@ def contact_text(contact: ContactWrench) -> str:
             * bool(count)
         )
     if contact.between is not None:
-        others = ", ".join(f"{other.name} {other.weight:.2g}" for other in contact.calibration.alternatives)
+        others = ", ".join(
+            f"{other.name} {probability_text(other.weight)}" for other in contact.calibration.alternatives
+        )
         between = zip(contact.names, contact.between_rms, space.units, strict=True)
         lines.append(
             f"Mean over models that the diagnosis could not tell apart (probability of the others: {others}); they"

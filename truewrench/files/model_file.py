@@ -41,7 +41,7 @@ from modeling.effects.sensor import SensorCrosstalk
 from modeling.errors import InputError, file_text, kind_of
 from modeling.formulas.custom_effect import CustomEffect
 from modeling.noise import NoiseSource
-from modeling.number_format import finite
+from modeling.number_format import finite, probability_text
 from modeling.rig import Convention, Rig
 from modeling.rig_schema import StrictTable, validated
 from modeling.space import Space
@@ -143,7 +143,7 @@ class ModelFile(NamedEstimates, Tabular):
 
     def printed(self) -> list[Table | str]:
         """The model, then its parameters, and which models the recordings did not tell apart from it."""
-        others = ", ".join(f"{name} (probability {weight:.2g})" for name, weight, _ in self.alternatives)
+        others = ", ".join(f"{name} (probability {probability_text(weight)})" for name, weight, _ in self.alternatives)
         return [repr(self.model), self.table, *([f"Not told apart from {others}."] if others else [])]
 
     def misfit_warning(self, consequence: str) -> str:
@@ -241,9 +241,9 @@ class ModelFile(NamedEstimates, Tabular):
             tool_unknown=table.tool_unknown,
             mended_as=tuple(table.mended_as or ()),
         )
-        if table.alternatives is not None:
-            return replace(read, alternatives=_alternatives(table, read, where))
-        return read if table.budget is None else replace(read, budget=_budget(table.budget, table, read, where))
+        alternatives = () if table.alternatives is None else _alternatives(table, read, where)
+        budget = None if table.budget is None else _budget(table.budget, table, read, where)
+        return replace(read, budget=budget, alternatives=alternatives)
 
     def to_data(self) -> dict[str, Any]:
         """The model as plain data: numbers are finite, or None for a parameter that is not identifiable."""
@@ -649,8 +649,6 @@ OF_THE_FILE = ("format", "version", "fitted_on", "rig")
 def _alternatives(table: _Model, read: ModelFile, where: str) -> tuple[tuple[str, float, ModelFile], ...]:
     """The alternatives to what was read: models of the same readings, whose weights leave some to it."""
     place, stated = f"{where}: alternatives", table.alternatives or []
-    if table.budget is not None:
-        raise InputError(what="a model has a budget or alternatives, not both", where=place, remedy=REMEDY)
     if sum(one.weight for one in stated) >= 1:
         raise InputError(what="their weights leave none to the model", where=place, remedy=REMEDY)
     shared = {"format": FORMAT, "version": VERSION, "rig": table.rig}
