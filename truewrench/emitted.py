@@ -204,7 +204,7 @@ def _calibration(model: Fitted | str | Path, to: str, sheet: str | Path | None) 
     else:
         remedy = "give the maker's calibration file by --sheet, or emit calibration"
         raise InputError(what="it is the maker's file with the correction, and none is given", where=to, remedy=remedy)
-    warning = "; ".join(filter(None, (saved.misfit_warning(BIASED), saved.mending_warning)))
+    warning = "; ".join(filter(None, (saved.misfit_warning(BIASED), saved.mending_warning, saved.doubt_warning)))
     return Emitted(
         text, None, as_sentence(spread), warning, sensor if makers is None else SheetComparison(sensor, makers)
     )
@@ -230,9 +230,8 @@ def _tool(model: Fitted | str | Path, to: str, sensor_pose: Sequence[float] | No
     said = " ".join(
         filter(None, [*frame, as_sentence(tool.turn), _convention_sentence(saved), as_sentence(tool.left_out)])
     )
-    return Emitted(
-        payload_format(to).text(tool, _source(weighed=not saved.tool_unknown)), None, said, saved.misfit_warning(BIASED)
-    )
+    warning = "; ".join(filter(None, (saved.misfit_warning(BIASED), saved.doubt_warning)))
+    return Emitted(payload_format(to).text(tool, _source(weighed=not saved.tool_unknown)), None, said, warning)
 
 
 def _other_turn(model: WrenchModel, theta: Array, pose: Sequence[float]) -> str:
@@ -273,7 +272,7 @@ def _code(model: Fitted | str | Path, to: str, rate: float | None, monitor: Moni
     code = GeneratedCode.of_fitted(fitted, target, _source())
     link = _sensor_link(saved)
     said = f"Wrench in the sensor frame{f', link {link}' if link else ''}. {_convention_sentence(saved)}"
-    warning = "; ".join(filter(None, (saved.misfit_warning(BIASED), saved.mending_warning)))
+    warning = "; ".join(filter(None, (saved.misfit_warning(BIASED), saved.mending_warning, saved.doubt_warning)))
     return Emitted(code.text, code.table, said, warning)
 
 

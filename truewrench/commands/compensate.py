@@ -42,7 +42,7 @@ def run(arguments: argparse.Namespace) -> None:
         remedy = "write it with `truewrench fit --budget FILE --out`"
         raise InputError(what="the model file has no budget", where=arguments.model, remedy=remedy)
     if arguments.with_budget and saved.alternatives and not arguments.without_alternatives:
-        say("warning: the budget is of the model chosen alone, without the models that were not told apart from it")
+        say(f"warning: {saved.doubt_warning}")
     if arguments.lerobot is not None:
         compensate_data_set(arguments, saved)
         return

@@ -143,8 +143,19 @@ class ModelFile(NamedEstimates, Tabular):
 
     def printed(self) -> list[Table | str]:
         """The model, then its parameters, and which models the recordings did not tell apart from it."""
-        others = ", ".join(f"{name} (probability {probability_text(weight)})" for name, weight, _ in self.alternatives)
+        others = self._others
         return [repr(self.model), self.table, *([f"Not told apart from {others}."] if others else [])]
+
+    @property
+    def doubt_warning(self) -> str:
+        """That other models were not told apart from this one, whose std are its own; empty where none is known."""
+        if not self.alternatives:
+            return ""
+        return f"the model was not told apart from {self._others}: its std are as if it were known to be the right one"
+
+    @property
+    def _others(self) -> str:
+        return ", ".join(f"{name} (probability {probability_text(weight)})" for name, weight, _ in self.alternatives)
 
     def misfit_warning(self, consequence: str) -> str:
         """That the model does not fit its recordings, and what follows; empty where it does, or was not tested.

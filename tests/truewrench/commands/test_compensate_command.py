@@ -364,6 +364,9 @@ def test_the_doubt_of_a_diagnosis_goes_to_the_contact(
     assert not {"alternatives", "between"} & set(alone)
     assert main(["compensate", model, bench.pushed]) == 0
     assert f"probability of the others: sensor_crosstalk {other['weight']:.2g}" in capsys.readouterr().out
+    assert main(["emit", model, "--to", "numpy"]) == 0
+    warned = f"warning: the model was not told apart from sensor_crosstalk (probability {other['weight']:.2g}): its std"
+    assert warned in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
