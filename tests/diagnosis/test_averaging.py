@@ -36,6 +36,7 @@ from truewrench.simulated_rig import (
     simulate,
 )
 from truewrench.text.diagnosis_text import diagnosis_text
+from truewrench.workbench.study_words import verdict_words
 
 pytest.importorskip("mujoco")
 
@@ -294,6 +295,7 @@ def test_the_doubt_is_said_beside_the_verdict() -> None:
     assert any(line.startswith("m is 0.9") and "averaged" in line and line.endswith(" kg.") for line in lines)
     assert not any(line.startswith("bias") for line in lines)
     assert all(line in diagnosis_text(found) for line in (lead, *lines))
+    assert all(line in verdict_words(found) for line in (lead, *lines))  # of the workbench
     data = found.to_data()["averaged"]
     assert [m["name"] for m in data["members"]] == [GAIN, LEAK]
     assert data["parameters"]["m"]["doubtful"]

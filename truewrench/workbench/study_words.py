@@ -367,7 +367,7 @@ def verdict_words(diagnosis: Diagnosis, *, looked: bool = False) -> str:
         headline=verdict_headline(diagnosis),
         rows=[row for row in rows if row.finding.verdict in leading],
         notes=[with_field_names(n) for n in (*disturbance_sentences(diagnosis), *evidence_notes(diagnosis))],
-        alternatives=given_sentences(diagnosis),
+        alternatives=[*diagnosis.averaged.sentences, *given_sentences(diagnosis)],
         warning=weaker_verdict_warning(diagnosis),
         left=diagnosis.unexplained is not None
         and all(doubted.adopted for doubted in diagnosis.readings)
